@@ -1,1 +1,9 @@
-//! Placeholder.
+//! After the flight: photos and tags become camera poses, a panorama, a textured model and a report.
+//!
+//! Stages, each with its own module, its own typed output on disk and its own part of the report:
+//! ingest -> prior -> matching -> adjust -> texture -> model -> report.
+#![forbid(unsafe_code)]
+
+pub mod poses;
+pub mod raster;
+pub mod survey;

@@ -1,2 +1,8 @@
-//! Placeholder.
-#![no_std]
+//! What board, simulator and ground say to each other: the capture tag, the append-only board log, the board's
+//! parameters, and (for hosts, feature `std`) the mission and survey files.
+#![cfg_attr(not(feature = "std"), no_std)]
+#![forbid(unsafe_code)]
+
+#[cfg(feature = "std")]
+pub mod mission;
+pub mod tag;

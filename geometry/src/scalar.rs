@@ -1,0 +1,34 @@
+//! The scalar that every formula here is generic over.
+
+use nalgebra::RealField;
+
+/// `f32` on the board, `f64` on hosts.
+pub trait Real: RealField + Copy {
+    /// The scalar nearest to `value`.
+    fn of(value: f64) -> Self {
+        nalgebra::convert(value)
+    }
+
+    /// The value as `f64`, for reports.
+    fn to_f64(self) -> f64;
+}
+
+impl Real for f32 {
+    fn of(value: f64) -> Self {
+        value as Self
+    }
+
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl Real for f64 {
+    fn of(value: f64) -> Self {
+        value
+    }
+
+    fn to_f64(self) -> f64 {
+        self
+    }
+}
