@@ -1,2 +1,10 @@
-//! Placeholder.
+//! The rotator board's logic: turns the camera shaft, fires the camera, knows where the vehicle is in the section and how
+//! fast it may go, and tags every photo.
+//!
+//! Sans-I/O: [`Controller::step`](controller::Controller::step) is a function of (time, inputs, state). It reads no
+//! clock, opens no port, allocates nothing and never panics. The board's tasks and the simulator call the same code.
 #![no_std]
+#![forbid(unsafe_code)]
+
+pub mod controller;
+pub mod io;

@@ -92,8 +92,7 @@ impl<T: Real> Camera<T> {
                     let g = f / r;
                     let a = (df * z / d2 - g) / r2;
                     let b = -df / d2;
-                    focal
-                        * Matrix2x3::new(g + a * x * x, a * x * y, b * x, a * x * y, g + a * y * y, b * y)
+                    focal * Matrix2x3::new(g + a * x * x, a * x * y, b * x, a * x * y, g + a * y * y, b * y)
                 }
             }
         };
@@ -147,10 +146,7 @@ impl<T: Real> Camera<T> {
     }
 
     fn to_pixel(self, plane: Vector2<T>) -> Vector2<T> {
-        Vector2::new(
-            self.focal_px[0] * plane.x + self.centre_px[0],
-            self.focal_px[1] * plane.y + self.centre_px[1],
-        )
+        Vector2::new(self.focal_px[0] * plane.x + self.centre_px[0], self.focal_px[1] * plane.y + self.centre_px[1])
     }
 }
 

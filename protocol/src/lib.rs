@@ -3,6 +3,10 @@
 #![cfg_attr(not(feature = "std"), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod beams;
+pub mod log;
 #[cfg(feature = "std")]
 pub mod mission;
+pub mod parameters;
+pub mod record;
 pub mod tag;

@@ -123,7 +123,8 @@ impl<T: Real> Piece<T> {
         let (from, to) = (self.at(T::zero()).0, self.at(self.length_m).0);
         let side = (to - from).perp(&(point - from)) * sweep_rad.signum();
         let within_circle = (point - centre).norm_squared() < radius_m * radius_m;
-        let full_turn = (to - from).norm() <= T::default_epsilon() * T::of(64.0) * radius_m && sweep_rad.abs() > T::pi();
+        let full_turn =
+            (to - from).norm() <= T::default_epsilon() * T::of(64.0) * radius_m && sweep_rad.abs() > T::pi();
         if within_circle && (side < T::zero() || full_turn) { chord + T::two_pi() * sweep_rad.signum() } else { chord }
     }
 

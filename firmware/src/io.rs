@@ -1,0 +1,147 @@
+//! What goes into the controller and what comes out of it: plain data.
+
+use adit_protocol::beams::Beams;
+use adit_protocol::parameters::RangeFamily;
+use adit_protocol::record::{Entry, Mode};
+
+/// The most log entries that one step hands out; what does not fit waits for the next step.
+pub const MAX_ENTRIES: usize = 8;
+
+/// What a range sensor said, decoded per family. "Cannot measure" is never "far".
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum RangeReading {
+    /// A distance in metres.
+    Measured(f32),
+    /// Nearer than the sensor can measure.
+    TooClose,
+    /// Farther than the sensor can measure.
+    TooFar,
+    /// No answer from the target, for whatever reason.
+    CannotMeasure,
+    /// The sensor does not answer.
+    #[default]
+    Disconnected,
+}
+
+impl RangeReading {
+    /// Decodes the raw value of a sensor, in millimetres with special values.
+    ///
+    /// Special values: Evo I2C manual p. 12; One product specification p. 13; One on a Hub: maker's driver
+    /// `teraranger_one.h`. On a One, zero means any error, near and far included.
+    pub fn from_raw(family: RangeFamily, raw_mm: u16) -> Self {
+        match (family, raw_mm) {
+            (RangeFamily::Evo, 0) => Self::TooClose,
+            (RangeFamily::Evo, 1) | (RangeFamily::One, 0) => Self::CannotMeasure,
+            (RangeFamily::Evo, 0xFFFF) | (RangeFamily::OneHub, 0) => Self::TooFar,
+            (RangeFamily::OneHub, 0xFFFF) => Self::Disconnected,
+            (RangeFamily::OneHub, 200) => Self::TooClose,
+            (RangeFamily::One, 1..200 | 14001..) => Self::CannotMeasure,
+            _ => Self::Measured(f32::from(raw_mm) * 0.001),
+        }
+    }
+}
+
+/// The latest sample of a range sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RangeSample {
+    /// What it said.
+    pub reading: RangeReading,
+    /// Counts the sensor's samples (wrapping); unchanged means that nothing new has come since the last step.
+    pub count: u32,
+}
+
+/// What is known of the camera, as far as it is wired.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CameraStatus {
+    /// Level of the busy line: true while the camera is busy.
+    pub busy: bool,
+    /// Photos that the camera has reported as stored since its start (wrapping).
+    pub photos_stored: u32,
+}
+
+/// What pilot or operator want.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// From Idle: run the self-test and become Ready.
+    Arm,
+    /// From Ready: take photos.
+    Start,
+    /// Stop taking photos, back to Ready.
+    Stop,
+    /// Back to Idle from anywhere; also acknowledges a fault.
+    Disarm,
+}
+
+/// Everything the controller sees in one step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Inputs {
+    /// The four body-fixed range sensors.
+    pub ranges: Beams<RangeSample>,
+    /// The range sensor on the rotating head, along the optical axis.
+    pub head: RangeSample,
+    /// Section angle of the optical axis as the encoder says, radians, any multiple of turns; `None` if it is silent.
+    pub shaft_encoder_rad: Option<f32>,
+    /// Roll, pitch, yaw of the body against the tunnel (yaw against its axis), radians.
+    pub attitude_rad: Option<[f32; 3]>,
+    /// Distance along the axis from any source; drift allowed.
+    pub odometer_m: Option<f32>,
+    /// Speed along the axis from any source, forward positive.
+    pub speed_mps: Option<f32>,
+    /// The camera.
+    pub camera: CameraStatus,
+    /// A command that arrived since the last step; each is given once.
+    pub command: Option<Command>,
+    /// Has the autopilot's heartbeat been heard lately?
+    pub autopilot_alive: bool,
+}
+
+/// Where the vehicle is in the section.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CentringStatus {
+    /// Position `[y, z]` in the section.
+    pub offset_m: [f32; 2],
+    /// One standard deviation of it, per axis.
+    pub sigma_m: [f32; 2],
+    /// Which beams took part.
+    pub used: Beams<bool>,
+}
+
+/// Figures for the pilot's display and for telemetry.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Display {
+    /// Captures commanded so far.
+    pub captures: u32,
+    /// Captures whose photo is known to be missing.
+    pub missed: u32,
+    /// Level of water or sludge above the floor.
+    pub water_level_m: Option<f32>,
+    /// Measured speed along the axis.
+    pub speed_mps: Option<f32>,
+    /// Is the measured speed above the limit?
+    pub overspeed: bool,
+    /// Is a gap open that halves the limit?
+    pub gap_open: bool,
+    /// Which range sensors are faulty.
+    pub range_faults: Beams<bool>,
+}
+
+/// Everything the controller wants done after one step. Levels hold until the next step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outputs {
+    /// The mode.
+    pub mode: Mode,
+    /// Where the shaft shall be: section angle of the optical axis, grows over turns.
+    pub shaft_setpoint_rad: f32,
+    /// Shutter line: true while it is held.
+    pub shutter: bool,
+    /// Brightness of the light, 0 to 1.
+    pub light_level: f32,
+    /// The highest forward speed allowed; `None` outside a scan, where the board makes no claim.
+    pub speed_limit_mps: Option<f32>,
+    /// Where the vehicle is; `None` if that cannot be solved.
+    pub centring: Option<CentringStatus>,
+    /// Figures for people.
+    pub display: Display,
+    /// To be appended to the log, in this order.
+    pub entries: heapless::Vec<Entry, MAX_ENTRIES>,
+}
