@@ -4,6 +4,8 @@
 //! ingest -> prior -> matching -> adjust -> texture -> model -> report.
 #![forbid(unsafe_code)]
 
+pub mod adjust;
 pub mod poses;
+pub mod prior;
 pub mod raster;
 pub mod survey;

@@ -1,0 +1,82 @@
+//! Three-step pruning (the paper's section "Bundle Adjustment"): P1 by mask, P2 by distance to the known geometry, P3 by
+//! reprojection error. Each step can be switched off.
+
+use adit_geometry::camera::Camera;
+use adit_geometry::profile::Profile;
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+
+use super::problem::Point;
+use crate::raster::Mask;
+
+/// Which steps are taken, and their bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pruning {
+    /// P1: drop sightings on masked pixels.
+    pub mask: bool,
+    /// P2: drop points farther than this from the profile, metres.
+    pub off_surface_m: Option<f64>,
+    /// P3: drop sightings with a larger reprojection error, pixels.
+    pub reprojection_px: Option<f64>,
+}
+
+/// How many sightings and points each step took away.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PruneCounts {
+    /// Sightings on masked pixels.
+    pub masked_sightings: usize,
+    /// Points off the profile.
+    pub off_surface_points: usize,
+    /// Sightings with a large reprojection error.
+    pub large_error_sightings: usize,
+    /// Points that were left with fewer than two sightings.
+    pub orphaned_points: usize,
+}
+
+/// Removes what violates the bounds from `points`.
+pub fn prune(
+    points: &mut Vec<Point>,
+    poses: &[Isometry3<f64>],
+    camera: &Camera<f64>,
+    profile: &Profile<f64>,
+    masks: &[Option<Mask>],
+    pruning: &Pruning,
+) -> PruneCounts {
+    let mut counts = PruneCounts::default();
+    points.retain_mut(|point| {
+        if pruning.mask {
+            let before = point.observations.len();
+            point.observations.retain(|sighting| {
+                let Some(mask) = masks.get(sighting.photo).and_then(Option::as_ref) else { return true };
+                !is_masked(mask, sighting.pixel.x, sighting.pixel.y)
+            });
+            counts.masked_sightings += before - point.observations.len();
+        }
+        if let Some(most_m) = pruning.off_surface_m {
+            let clearance_m =
+                profile.nearest(point.position.yz().coords).map_or(f64::INFINITY, |near| near.clearance_m);
+            if !(clearance_m.abs() <= most_m) {
+                counts.off_surface_points += 1;
+                return false;
+            }
+        }
+        if let Some(most_px) = pruning.reprojection_px {
+            let before = point.observations.len();
+            point.observations.retain(|sighting| {
+                let in_cam = poses[sighting.photo].inverse_transform_point(&point.position).coords;
+                camera.project(&in_cam).is_some_and(|pixel| (pixel - sighting.pixel).norm() <= most_px)
+            });
+            counts.large_error_sightings += before - point.observations.len();
+        }
+        let kept = point.observations.len() >= 2;
+        counts.orphaned_points += usize::from(!kept);
+        kept
+    });
+    counts
+}
+
+fn is_masked(mask: &Mask, x: f64, y: f64) -> bool {
+    let column = (x.max(0.0) as usize).min(mask.width.saturating_sub(1));
+    let row = (y.max(0.0) as usize).min(mask.height.saturating_sub(1));
+    mask.at(column, row)[0] == 0
+}
