@@ -69,7 +69,7 @@ pub enum Outcome {
 /// An adjusted estimate.
 #[derive(Clone, Debug)]
 pub struct Adjusted {
-    /// tunnel_from_cam.
+    /// `tunnel_from_cam`.
     pub poses: Vec<Isometry3<f64>>,
     /// Points, in the problem's order.
     pub points: Vec<Point3<f64>>,

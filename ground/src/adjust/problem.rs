@@ -60,7 +60,7 @@ pub struct Problem<'a> {
     pub sigma: Sigma,
     /// What the tags say, one per photo.
     pub tags: &'a [TagPrior],
-    /// tunnel_from_cam, one per photo.
+    /// `tunnel_from_cam`, one per photo.
     pub poses: Vec<Isometry3<f64>>,
     /// The points.
     pub points: Vec<Point>,

@@ -47,6 +47,16 @@ struct PointBlocks {
     couplings: Vec<(usize, SMatrix<f64, CAMERA, 3>)>,
 }
 
+/// The system without its points.
+struct Eliminated {
+    /// Of the reduced matrix.
+    factor: Factor,
+    /// Of the points' own blocks.
+    inverses: Vec<Matrix3<f64>>,
+    /// Reduced gradient.
+    gradient: DVector<f64>,
+}
+
 /// A damped step.
 pub(super) struct Step {
     pub(super) cameras: DVector<f64>,
@@ -256,7 +266,7 @@ impl System {
     /// # Errors
     /// [`NotPositiveDefinite`] if even the damped system cannot be factored.
     pub(super) fn step(&self, lambda: f64) -> Result<Step, NotPositiveDefinite> {
-        let (factor, inverses, mut cameras) = self.eliminate(lambda)?;
+        let Eliminated { factor, inverses, gradient: mut cameras } = self.eliminate(lambda)?;
         cameras.neg_mut();
         factor.solve(cameras.as_mut_slice());
         let points: Vec<Vector3<f64>> = self
@@ -280,11 +290,10 @@ impl System {
     /// # Errors
     /// [`NotPositiveDefinite`] if something is not determined.
     pub(super) fn information(&self) -> Result<Factor, NotPositiveDefinite> {
-        Ok(self.eliminate(0.0)?.0)
+        Ok(self.eliminate(0.0)?.factor)
     }
 
-    /// `(factor of the reduced matrix, inverses of the points' blocks, reduced gradient)`.
-    fn eliminate(&self, lambda: f64) -> Result<(Factor, Vec<Matrix3<f64>>, DVector<f64>), NotPositiveDefinite> {
+    fn eliminate(&self, lambda: f64) -> Result<Eliminated, NotPositiveDefinite> {
         let mut reduced = self.reduced.clone();
         let mut gradient = self.gradient.clone();
         for row in 0..reduced.size() {
@@ -316,7 +325,7 @@ impl System {
             reduced.add_all(&matrix);
             gradient += vector;
         }
-        Ok((reduced.factor()?, inverses, gradient))
+        Ok(Eliminated { factor: reduced.factor()?, inverses, gradient })
     }
 
     /// `-(g.d + 0.5 d.H d)` with `H d = -g - lambda diag(H) d`, that is `0.5 d.(lambda diag(H) d - g)`.

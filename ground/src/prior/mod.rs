@@ -52,7 +52,7 @@ impl TagPrior {
         prior
     }
 
-    /// Rotation tunnel_from_body: the measured attitude, or none.
+    /// Rotation `tunnel_from_body`: the measured attitude, or none.
     pub fn tunnel_from_body_rotation(&self) -> UnitQuaternion<f64> {
         let [roll, pitch, yaw] = self.attitude_rad.unwrap_or_default();
         attitude(roll, pitch, yaw)
