@@ -10,9 +10,9 @@ use crate::Real;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Distortion<T> {
-    /// `k1 k2 p1 p2 k3` as in OpenCV: radial polynomial in r^2 and tangential terms on the plane z = 1.
+    /// `k1 k2 p1 p2 k3` as in `OpenCV`: radial polynomial in r^2 and tangential terms on the plane z = 1.
     BrownConrady([T; 5]),
-    /// `k1..k4` as in OpenCV's fisheye model: `theta (1 + k1 theta^2 + ... + k4 theta^8)`.
+    /// `k1..k4` as in `OpenCV`'s fisheye model: `theta (1 + k1 theta^2 + ... + k4 theta^8)`.
     KannalaBrandt([T; 4]),
 }
 
@@ -43,7 +43,7 @@ impl<T: Real> Camera<T> {
                     return None;
                 }
                 let normalised = point_in_cam.xy() / point_in_cam.z;
-                if brown_slope(&k, normalised.norm_squared()) <= T::zero() {
+                if !brown_grows_up_to(&k, normalised.norm_squared()) {
                     return None;
                 }
                 brown(&k, normalised)
@@ -51,7 +51,7 @@ impl<T: Real> Camera<T> {
             Distortion::KannalaBrandt(k) => {
                 let radius = point_in_cam.xy().norm();
                 let theta = radius.atan2(point_in_cam.z);
-                if kannala_slope(&k, theta) <= T::zero() {
+                if !kannala_grows_up_to(&k, theta) {
                     return None;
                 }
                 if radius <= T::of(1e-12) {
@@ -114,7 +114,7 @@ impl<T: Real> Camera<T> {
                 for _ in 0..20 {
                     let error = brown(&k, guess) - plane;
                     if error.norm() <= tolerance * (T::one() + plane.norm()) {
-                        return (brown_slope(&k, guess.norm_squared()) > T::zero()).then(|| guess.push(T::one()));
+                        return brown_grows_up_to(&k, guess.norm_squared()).then(|| guess.push(T::one()));
                     }
                     guess -= brown_jacobian(&k, guess.x, guess.y).try_inverse()? * error;
                 }
@@ -126,6 +126,9 @@ impl<T: Real> Camera<T> {
                 for _ in 0..20 {
                     let error = kannala(&k, theta) - distorted;
                     if error.abs() <= tolerance * (T::one() + distorted) {
+                        if !kannala_grows_up_to(&k, theta) {
+                            return None;
+                        }
                         let (sin, cos) = theta.sin_cos();
                         let direction = if distorted > T::zero() { plane / distorted } else { Vector2::zeros() };
                         return Some((direction * sin).push(cos));
@@ -167,6 +170,25 @@ fn brown_slope<T: Real>(k: &[T; 5], r2: T) -> T {
     T::one() + r2 * (T::of(3.0) * k1 + r2 * (T::of(5.0) * k2 + r2 * T::of(7.0) * k3))
 }
 
+/// Tells whether the image grows with the radius all the way to `r2`: the slope, a cubic in r^2, has no root before.
+fn brown_grows_up_to<T: Real>(k: &[T; 5], r2: T) -> bool {
+    let slope = brown_slope(k, r2);
+    if slope <= T::zero() || !slope.is_finite() {
+        return false;
+    }
+    let [k1, k2, _, _, k3] = *k;
+    // The slope's own minimum: derivative a + 2 b t + c t^2, at the root with positive curvature.
+    let (a, b, c) = (T::of(3.0) * k1, T::of(5.0) * k2, T::of(21.0) * k3);
+    let discriminant = b * b - a * c;
+    if discriminant <= T::zero() {
+        return true;
+    }
+    let root = discriminant.sqrt();
+    // Two forms of the same root: the one whose denominator does not cancel.
+    let lowest = if b >= T::zero() { -a / (b + root) } else { (root - b) / c };
+    lowest <= T::zero() || lowest >= r2 || brown_slope(k, lowest) > T::zero()
+}
+
 fn brown_jacobian<T: Real>(k: &[T; 5], x: T, y: T) -> Matrix2<T> {
     let [k1, k2, p1, p2, k3] = *k;
     let (two, six) = (T::of(2.0), T::of(6.0));
@@ -192,4 +214,18 @@ fn kannala_slope<T: Real>(k: &[T; 4], theta: T) -> T {
     let t2 = theta * theta;
     let of = T::of;
     T::one() + t2 * (of(3.0) * k[0] + t2 * (of(5.0) * k[1] + t2 * (of(7.0) * k[2] + t2 * of(9.0) * k[3])))
+}
+
+/// Tells whether the image grows with the angle up to `theta`, looked at in eight places.
+fn kannala_grows_up_to<T: Real>(k: &[T; 4], theta: T) -> bool {
+    let step = theta / T::of(8.0);
+    let mut at = theta;
+    for _ in 0..8 {
+        let slope = kannala_slope(k, at);
+        if slope <= T::zero() || !slope.is_finite() {
+            return false;
+        }
+        at -= step;
+    }
+    true
 }

@@ -106,11 +106,13 @@ impl<T: Real> Profile<T> {
     }
 
     /// Returns the lining's point nearest to `point`, and the signed distance to it (positive inside).
+    ///
+    /// `None` only for NaN.
     pub fn nearest(&self, point: SectionVector<T>) -> Option<Nearest<T>> {
         let mut best: Option<(T, usize, T)> = None;
         for (index, piece) in self.pieces.iter().enumerate() {
             let (distance_m, along_m) = piece.nearest(point);
-            if best.is_none_or(|(nearest, ..)| distance_m < nearest) {
+            if distance_m.is_finite() && best.is_none_or(|(nearest, ..)| distance_m < nearest) {
                 best = Some((distance_m, index, along_m));
             }
         }

@@ -117,15 +117,17 @@ impl<T: Real> Piece<T> {
     pub(super) fn angle_seen_from(&self, point: SectionVector<T>) -> T {
         let start = self.at(T::zero()).0 - point;
         let end = self.at(self.length_m).0 - point;
-        let chord = (start.x * end.y - start.y * end.x).atan2(start.dot(&end));
+        let chord = start.perp(&end).atan2(start.dot(&end));
         let Shape::Arc { centre, radius_m, sweep_rad, .. } = self.shape else { return chord };
-        // The region between chord and arc adds a full turn if it holds the point.
-        let (from, to) = (self.at(T::zero()).0, self.at(self.length_m).0);
-        let side = (to - from).perp(&(point - from)) * sweep_rad.signum();
-        let within_circle = (point - centre).norm_squared() < radius_m * radius_m;
+        if (point - centre).norm_squared() >= radius_m * radius_m {
+            return chord;
+        }
+        // From within the circle the arc always turns its own way. A chord that seems to turn the other way hides the
+        // arc behind it; so does, by the sign of a rounding error, a chord through the point, and a chord of no length.
+        let turn = sweep_rad.signum();
         let full_turn =
-            (to - from).norm() <= T::default_epsilon() * T::of(64.0) * radius_m && sweep_rad.abs() > T::pi();
-        if within_circle && (side < T::zero() || full_turn) { chord + T::two_pi() * sweep_rad.signum() } else { chord }
+            (end - start).norm() <= T::default_epsilon() * T::of(64.0) * radius_m && sweep_rad.abs() > T::pi();
+        if chord * turn < T::zero() || full_turn { chord + T::two_pi() * turn } else { chord }
     }
 
     pub(super) fn bounds(&self) -> (SectionVector<T>, SectionVector<T>) {

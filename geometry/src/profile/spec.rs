@@ -205,7 +205,7 @@ fn signed_area<T: Real>(pieces: &[Piece<T>]) -> T {
 fn piece_between<T: Real>(start: SectionVector<T>, end: SectionVector<T>, bulge: T) -> Option<(Shape<T>, T)> {
     let chord = end - start;
     let chord_m = chord.norm();
-    if !(chord_m > T::of(1e-6)) || !bulge.is_finite() {
+    if chord_m <= T::of(1e-6) || !chord_m.is_finite() || !bulge.is_finite() {
         return None;
     }
     if bulge == T::zero() {
