@@ -9,3 +9,10 @@ pub mod poses;
 pub mod prior;
 pub mod raster;
 pub mod survey;
+
+/// Returns the folder of sample surveys that lies beside the checkout, where there is one.
+#[cfg(test)]
+pub(crate) fn samples_folder() -> Option<std::path::PathBuf> {
+    let start = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    start.ancestors().map(|folder| folder.join("shared/samples")).find(|folder| folder.is_dir())
+}

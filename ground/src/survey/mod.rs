@@ -1,9 +1,28 @@
 //! A survey folder in memory: configuration, tags, photos and masks, checked.
+//!
+//! [`load`] reads everything but the pixels. What makes the survey unusable is an error; a single photo or tag that
+//! cannot be used is a named [`Loss`] and the rest goes on. Pixels come from [`decode_rgb`], [`decode_luma`] and
+//! [`load_mask`], one photo at a time.
+
+mod config;
+mod error;
+mod jpeg;
+mod load;
+mod masks;
+mod photos;
+mod tags;
 
 use std::path::PathBuf;
 
 use adit_protocol::mission::SurveyConfig;
 use adit_protocol::tag::CaptureTag;
+
+pub use error::{MaskError, PhotoError, Size, SurveyError, TagFault, TagsError};
+pub use jpeg::{decode_grey, decode_luma, decode_rgb, probe};
+pub use load::load;
+pub use masks::load_mask;
+pub use photos::{FoundPhoto, find_photos};
+pub use tags::{TagColumn, TagRow, read_tags, write_tags};
 
 /// One photo with the tag that belongs to it.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,10 +51,17 @@ pub struct Survey {
 }
 
 /// Something of the survey that could not be used.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Loss {
     /// File, or file and line.
     pub what: String,
     /// Reason.
     pub why: String,
+}
+
+impl Loss {
+    /// Returns a loss with the given file (or file and line) and reason.
+    pub fn new(what: impl Into<String>, why: impl Into<String>) -> Self {
+        Self { what: what.into(), why: why.into() }
+    }
 }
