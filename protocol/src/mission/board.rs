@@ -1,0 +1,189 @@
+//! The table `[board]` with `[board.shaft]`, `[board.shutter]`, `[board.ranges]` and `[board.log]`, all optional, and
+//! the way from a survey's `f64` to the board's `f32`.
+
+use adit_geometry::camera::{Camera, Distortion};
+use adit_geometry::profile::{ChainVertex, ProfileSpec};
+use adit_geometry::rig::Rig;
+
+use super::quantity::{Quantity, Unit};
+use super::reader::Section;
+use super::{BoardPlan, SurveyConfig};
+use crate::beams::Beams;
+use crate::parameters::{
+    CaptureWiring, LogParameters, RangeFamily, RangeParameters, ShaftParameters, ShutterParameters,
+};
+
+const DURATION: Quantity = Quantity::new(Unit::Second, 0.0, 30.0);
+const LENGTH: Quantity = Quantity::new(Unit::Metre, 0.0, 100.0);
+const LEVER: Quantity = Quantity::new(Unit::Metre, -3.0, 3.0);
+const LEVEL: Quantity = Quantity::new(Unit::Ratio, 0.0, 1.0);
+
+/// Reads the table. The ranges' sigma defaults to the survey's.
+pub(super) fn read(mut section: Section<'_>, survey: Option<&SurveyConfig>) -> BoardPlan {
+    let plan = BoardPlan {
+        shaft: shaft(section.section_or_empty("shaft")),
+        shutter: shutter(section.section_or_empty("shutter")),
+        ranges: ranges(section.section_or_empty("ranges"), survey),
+        log: log(section.section_or_empty("log")),
+    };
+    section.finish();
+    plan
+}
+
+fn shaft(mut section: Section<'_>) -> ShaftParameters {
+    let default = ShaftParameters::default();
+    let slew = Quantity::new(Unit::DegreePerSecond, 5.0, 3600.0);
+    let tolerance = Quantity::new(Unit::Degree, 0.05, 45.0);
+    let shaft = ShaftParameters {
+        encoder: section.flag_or("encoder", default.encoder),
+        slew_radps: section.maybe_number("slew_deg_per_s", slew).map_or(default.slew_radps, radians),
+        settle_tolerance_rad: section
+            .maybe_number("settle_tolerance_deg", tolerance)
+            .map_or(default.settle_tolerance_rad, radians),
+        settle_dwell_s: section.single_or("settle_dwell_s", DURATION, default.settle_dwell_s),
+        turn_timeout_s: section.single_or("turn_timeout_s", DURATION, default.turn_timeout_s),
+        late_turns_to_fault: byte(&mut section, "late_turns_to_fault", 1, default.late_turns_to_fault),
+    };
+    section.finish();
+    shaft
+}
+
+fn shutter(mut section: Section<'_>) -> ShutterParameters {
+    let default = ShutterParameters::default();
+    let wirings = [("none", CaptureWiring::None), ("busy", CaptureWiring::Busy), ("confirm", CaptureWiring::Confirm)];
+    let shutter = ShutterParameters {
+        wiring: section.choice_or("wiring", &wirings, default.wiring),
+        trigger_latency_s: section.single_or("trigger_latency_s", DURATION, default.trigger_latency_s),
+        trigger_latency_max_s: section.single_or("trigger_latency_max_s", DURATION, default.trigger_latency_max_s),
+        exposure_s: section.single_or("exposure_s", DURATION, default.exposure_s),
+        pulse_s: section.single_or("pulse_s", DURATION, default.pulse_s),
+        busy_delay_s: section.single_or("busy_delay_s", DURATION, default.busy_delay_s),
+        busy_timeout_s: section.single_or("busy_timeout_s", DURATION, default.busy_timeout_s),
+        confirm_timeout_s: section.single_or("confirm_timeout_s", DURATION, default.confirm_timeout_s),
+        retries: byte(&mut section, "retries", 0, default.retries),
+        misses_to_fault: byte(&mut section, "misses_to_fault", 1, default.misses_to_fault),
+        light_level: section.single_or("light_level", LEVEL, default.light_level),
+        light_lead_s: section.single_or("light_lead_s", DURATION, default.light_lead_s),
+    };
+    if shutter.trigger_latency_max_s < shutter.trigger_latency_s {
+        section.complain(
+            "trigger_latency_max_s",
+            format!("{}", shutter.trigger_latency_max_s),
+            format!("at least trigger_latency_s = {}", shutter.trigger_latency_s),
+        );
+    }
+    section.finish();
+    shutter
+}
+
+fn ranges(mut section: Section<'_>, survey: Option<&SurveyConfig>) -> RangeParameters {
+    let default = RangeParameters::default();
+    let families = [("evo", RangeFamily::Evo), ("one", RangeFamily::One), ("one-hub", RangeFamily::OneHub)];
+    let mut lever = |key| -> [f32; 2] {
+        let pair = section.numbers(key, LEVER, Some(2)).and_then(|pair| <[f64; 2]>::try_from(pair).ok());
+        pair.unwrap_or_default().map(|value| value as f32)
+    };
+    let lever_m = Beams {
+        up: lever("lever_up_m"),
+        right: lever("lever_right_m"),
+        down: lever("lever_down_m"),
+        left: lever("lever_left_m"),
+    };
+    let fitted = Beams {
+        up: section.flag_or("up", true),
+        right: section.flag_or("right", true),
+        down: section.flag_or("down", true),
+        left: section.flag_or("left", true),
+    };
+    let sigma = survey.map_or(default.sigma_m, |survey| survey.sigma.range_m as f32);
+    let count = |value: u32| u16::try_from(value).unwrap_or(u16::MAX);
+    let ranges = RangeParameters {
+        family: section.choice_or("family", &families, default.family),
+        fitted,
+        head_fitted: section.flag_or("head", default.head_fitted),
+        lever_m,
+        min_m: section.single_or("min_m", LENGTH, default.min_m),
+        max_m: section.single_or("max_m", LENGTH, default.max_m),
+        sigma_m: section.single_or("sigma_m", Quantity::new(Unit::Metre, 0.0005, 1.0), sigma),
+        stale_s: section.single_or("stale_s", DURATION, default.stale_s),
+        frozen_s: section.single_or("frozen_s", DURATION, default.frozen_s),
+        zero_run: count(section.integer_or("zero_run", 2, 60_000, u32::from(default.zero_run))),
+        jump_m: section.single_or("jump_m", Quantity::new(Unit::Metre, 0.01, 100.0), default.jump_m),
+        good_run: count(section.integer_or("good_run", 1, 60_000, u32::from(default.good_run))),
+    };
+    if ranges.max_m <= ranges.min_m {
+        section.complain("max_m", format!("{}", ranges.max_m), format!("more than min_m = {}", ranges.min_m));
+    }
+    section.finish();
+    ranges
+}
+
+fn log(mut section: Section<'_>) -> LogParameters {
+    let default = LogParameters::default();
+    let period = Quantity::new(Unit::Second, 0.01, 60.0);
+    let log = LogParameters { sample_period_s: section.single_or("sample_period_s", period, default.sample_period_s) };
+    section.finish();
+    log
+}
+
+fn byte(section: &mut Section<'_>, key: &'static str, low: u32, default: u8) -> u8 {
+    u8::try_from(section.integer_or(key, low, 255, u32::from(default))).unwrap_or(default)
+}
+
+fn radians(degrees: f64) -> f32 {
+    degrees.to_radians() as f32
+}
+
+/// The profile for the board.
+pub(super) fn profile(spec: &ProfileSpec<f64>) -> ProfileSpec<f32> {
+    match spec {
+        ProfileSpec::Circle { radius_m } => ProfileSpec::Circle { radius_m: *radius_m as f32 },
+        ProfileSpec::Rectangle { width_m, height_m, axis_height_m } => ProfileSpec::Rectangle {
+            width_m: *width_m as f32,
+            height_m: *height_m as f32,
+            axis_height_m: *axis_height_m as f32,
+        },
+        ProfileSpec::Underpass { width_m, wall_m, rise_m, axis_height_m } => ProfileSpec::Underpass {
+            width_m: *width_m as f32,
+            wall_m: *wall_m as f32,
+            rise_m: *rise_m as f32,
+            axis_height_m: *axis_height_m as f32,
+        },
+        ProfileSpec::Horseshoe { width_m, wall_m, axis_height_m } => ProfileSpec::Horseshoe {
+            width_m: *width_m as f32,
+            wall_m: *wall_m as f32,
+            axis_height_m: *axis_height_m as f32,
+        },
+        ProfileSpec::Chain { vertices } => ProfileSpec::Chain {
+            vertices: vertices
+                .iter()
+                .map(|v| ChainVertex { y_m: v.y_m as f32, z_m: v.z_m as f32, bulge: v.bulge as f32 })
+                .collect(),
+        },
+    }
+}
+
+/// The camera for the board.
+pub(super) fn camera(camera: &Camera<f64>) -> Camera<f32> {
+    Camera {
+        width_px: camera.width_px,
+        height_px: camera.height_px,
+        focal_px: camera.focal_px.map(|value| value as f32),
+        centre_px: camera.centre_px.map(|value| value as f32),
+        distortion: match camera.distortion {
+            Distortion::BrownConrady(k) => Distortion::BrownConrady(k.map(|value| value as f32)),
+            Distortion::KannalaBrandt(k) => Distortion::KannalaBrandt(k.map(|value| value as f32)),
+        },
+    }
+}
+
+/// The rig for the board.
+pub(super) fn rig(rig: &Rig<f64>) -> Rig<f32> {
+    Rig {
+        images_per_turn: rig.images_per_turn,
+        image_up: rig.image_up,
+        lever_radial_m: rig.lever_radial_m as f32,
+        lever_forward_m: rig.lever_forward_m as f32,
+        mount_rotvec_rad: rig.mount_rotvec_rad.map(|value| value as f32),
+    }
+}
