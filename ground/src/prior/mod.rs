@@ -1,5 +1,9 @@
 //! Prior poses: where each photo was taken according to its tag alone.
 
+mod size;
+
+pub use size::{SizeEstimate, estimate_size};
+
 use adit_geometry::profile::Profile;
 use adit_geometry::rig::{Rig, attitude};
 use adit_protocol::tag::CaptureTag;
