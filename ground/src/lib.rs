@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod adjust;
+pub mod matching;
 pub mod poses;
 pub mod prior;
 pub mod raster;

@@ -1,0 +1,92 @@
+//! What a round of matching needs to be told.
+
+use adit_geometry::camera::Camera;
+use adit_geometry::profile::Profile;
+
+/// Parameters of one round. Texels are those of the wall grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MatchConfig {
+    /// Step of the wall grid, metres per texel (rounded so that the perimeter is a whole number of texels).
+    pub grid_m: f64,
+    /// Side of the square template, texels (made odd).
+    pub template_px: usize,
+    /// Least half-width of the search window, texels.
+    pub min_search_px: usize,
+    /// Half-width of the search window in standard deviations of the predicted displacement.
+    pub search_sigmas: f64,
+    /// Factor by which the window grows when a pair that should overlap does not agree; 1 = no second try.
+    pub widen: f64,
+    /// Band-pass: standard deviation of the smaller Gaussian, texels.
+    pub band_small_px: f32,
+    /// Band-pass and local contrast: standard deviation of the larger Gaussian, texels.
+    pub band_large_px: f32,
+    /// One reference point is taken per cell of this side, texels.
+    pub cell_px: usize,
+    /// Half-width of the box over which a point's corner strength is summed, texels.
+    pub corner_px: usize,
+    /// Least normalised cross-correlation of a match.
+    pub min_ncc: f32,
+    /// Greatest distance of a match from the pair's common motion, texels.
+    pub gate_px: f64,
+    /// A pair is tried if its footprints share at least this part of the smaller one.
+    pub min_overlap: f64,
+    /// A pair is kept with at least this many agreeing matches ...
+    pub min_agreeing: usize,
+    /// ... that are at least this share of all its matches.
+    pub min_agreeing_share: f64,
+    /// The wall is used where the angle between its normal and the view is at most this, radians.
+    pub max_incidence_rad: f64,
+}
+
+impl MatchConfig {
+    /// Returns the size of a photo's pixel on the wall, metres: mean distance of the wall from the axis over focal length.
+    pub fn native_m(profile: &Profile<f64>, camera: &Camera<f64>) -> f64 {
+        let samples = 64;
+        let mut sum_m = 0.0;
+        let mut count = 0.0;
+        for sample in 0..samples {
+            let s_m = profile.perimeter_m() * f64::from(sample) / f64::from(samples);
+            if let Some(surface) = profile.at(s_m) {
+                sum_m += surface.point.norm();
+                count += 1.0;
+            }
+        }
+        sum_m / f64::max(count, 1.0) / (0.5 * (camera.focal_px[0] + camera.focal_px[1]))
+    }
+
+    /// The first round: poses known to a degree or two and some centimetres, a grid twice as coarse as the photos.
+    pub fn wide(native_m: f64) -> Self {
+        Self {
+            grid_m: 1.9 * native_m,
+            template_px: 21,
+            min_search_px: 8,
+            search_sigmas: 2.5,
+            widen: 1.7,
+            band_small_px: 1.0,
+            band_large_px: 8.0,
+            cell_px: 40,
+            corner_px: 4,
+            min_ncc: 0.3,
+            gate_px: 3.0,
+            min_overlap: 0.15,
+            min_agreeing: 6,
+            min_agreeing_share: 0.25,
+            max_incidence_rad: 68_f64.to_radians(),
+        }
+    }
+
+    /// The second round: poses known to a few millimetres, the photos' own resolution.
+    pub fn fine(native_m: f64) -> Self {
+        Self {
+            grid_m: 0.95 * native_m,
+            template_px: 41,
+            min_search_px: 3,
+            search_sigmas: 3.0,
+            widen: 1.0,
+            band_large_px: 12.0,
+            cell_px: 60,
+            gate_px: 2.0,
+            ..Self::wide(native_m)
+        }
+    }
+}

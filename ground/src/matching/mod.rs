@@ -1,0 +1,158 @@
+//! Guided matching: where does each photo see what another one saw, given roughly known poses and the section.
+//!
+//! # Method
+//! Each photo is laid once per round onto a common grid of the wall, (arc length s, distance x), with the best poses so
+//! far. There all photos look alike up to a small displacement: no scale, hardly any rotation or perspective is left, so
+//! a plain template search finds it. Of the grey image's logarithm (exposure becomes an offset) a band is kept and
+//! its local contrast made even. In each cell of the wall every photo chooses its best corner as reference point; the
+//! template around it is searched, in both directions, in every photo whose footprint overlaps enough. The peak's place
+//! comes from a quadratic through nine correlations. What survives is that which agrees with one small motion of the
+//! pair's two cameras. Every match goes back to pixels of the original photos through the pose it was
+//! rectified with and the exact camera model, so nothing of the grid's approximations stays in the result.
+//!
+//! Two rounds with an adjustment after each: [`MatchConfig::wide`], then [`MatchConfig::fine`].
+//!
+//! # Parameters that matter, and why
+//! - *Search window* at least 2.5 to 3 standard deviations of the prior's displacement: a window too small does not fail
+//!   loudly, it finds the neighbouring brick and everything still fits.
+//! - *Template* of about 25 cm, larger than a brick, so that grain, stains and brightness of single bricks decide among
+//!   repetitions; smaller ones also lose accuracy (a third at 10 cm).
+//! - *Both rounds*: re-rectifying with better poses at the photos' own resolution gains a factor of four.
+//! - *Every overlapping pair*: neighbours of the next turn are worth a factor of five over consecutive photos alone.
+//! - *Band*: low frequencies carry the lamp and the vignetting, which move with the camera; they mislead.
+//! - *Gate*: leaves room for parallax, since a real wall is not the nominal section: `baseline / distance * relief`.
+//!
+//! # Limits
+//! Occlusion is known only from the section itself; whatever else stands in view belongs into the masks. A wall without
+//! any texture gives no reference points. Relief bends the templates: beyond some `template * slope` matches thin out.
+//!
+//! # Memory and cost
+//! About 10 bytes per texel for each photo held; a photo is held from its own turn until its last partner's. Measured
+//! cost: see `benches/ground.rs`.
+
+mod coherence;
+mod config;
+mod filter;
+mod pairs;
+mod patch;
+mod rectify;
+mod round;
+mod search;
+mod wall;
+
+use std::borrow::Cow;
+
+use nalgebra::{Isometry3, Point3};
+
+pub use config::MatchConfig;
+pub use round::match_round;
+
+use crate::poses::Sighting;
+use crate::raster::{Grey, Mask};
+
+/// A photo's pose as known before the round, with its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewPose {
+    /// The pose.
+    pub tunnel_from_cam: Isometry3<f64>,
+    /// One standard deviation of the optical centre, per axis, metres.
+    pub position_sigma_m: f64,
+    /// One standard deviation of the rotation, per axis, radians.
+    pub rotation_sigma_rad: f64,
+}
+
+impl ViewPose {
+    /// Optical centre in the tunnel frame.
+    pub(crate) fn centre(&self) -> Point3<f64> {
+        Point3::from(self.tunnel_from_cam.translation.vector)
+    }
+
+    /// One standard deviation, per axis, of where a wall point `distance_m` away is believed to lie.
+    fn displacement_sigma_m(&self, distance_m: f64) -> f64 {
+        self.position_sigma_m.hypot(self.rotation_sigma_rad * distance_m)
+    }
+}
+
+/// A decoded photo.
+#[derive(Clone, Debug)]
+pub struct Pixels<'a> {
+    /// Grey values 0 to 255, of the camera's size.
+    pub grey: Cow<'a, Grey>,
+    /// Mask of the same size, if there is one.
+    pub mask: Option<Cow<'a, Mask>>,
+}
+
+/// Where photos come from; asked once per photo and round, from several threads, roughly in order.
+pub trait Photos: Sync {
+    /// Returns photo number `photo`, or `None` if it cannot be read.
+    fn load(&self, photo: usize) -> Option<Pixels<'_>>;
+}
+
+impl Photos for [Pixels<'_>] {
+    fn load(&self, photo: usize) -> Option<Pixels<'_>> {
+        let pixels = self.get(photo)?;
+        let mask = pixels.mask.as_deref().map(Cow::Borrowed);
+        Some(Pixels { grey: Cow::Borrowed(&*pixels.grey), mask })
+    }
+}
+
+/// A photo that found a reference point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FoundSighting {
+    /// Where it found it.
+    pub sighting: Sighting,
+    /// Normalised cross-correlation, at most 1.
+    pub ncc: f32,
+}
+
+/// A reference point of one photo and every photo that found it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StarTrack {
+    /// Where the reference point lies.
+    pub reference: Sighting,
+    /// The other photos, at least one.
+    pub others: Vec<FoundSighting>,
+    /// Place on the nominal wall by the round's poses: arc length, metres.
+    pub s_m: f64,
+    /// Place on the nominal wall by the round's poses: along the axis, metres.
+    pub x_m: f64,
+}
+
+/// What became of a pair that should overlap.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct PairReport {
+    /// The earlier photo.
+    pub first: u32,
+    /// The later photo.
+    pub second: u32,
+    /// Shared part of the smaller footprint, by the poses.
+    pub overlap: f64,
+    /// Reference points, of both, that the other should see.
+    pub attempted: u32,
+    /// Of these, found with enough correlation.
+    pub matched: u32,
+    /// Of these, in agreement with one motion of the pair.
+    pub agreeing: u32,
+    /// Enough agree: the matches were used.
+    pub kept: bool,
+    /// The search was repeated in a wider window.
+    pub widened: bool,
+}
+
+impl PairReport {
+    /// Should overlap, yet was not kept, or fewer than half of its matches agree: the mark of a photo that slipped.
+    pub fn is_doubtful(&self) -> bool {
+        !self.kept || 2 * self.agreeing < self.matched
+    }
+}
+
+/// Result of a round.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MatchRound {
+    /// Reference points with the photos that found them, in order of the reference photo.
+    pub tracks: Vec<StarTrack>,
+    /// Every pair that should overlap.
+    pub pairs: Vec<PairReport>,
+    /// Photos that took no part: unreadable, of another size than the camera's, or with no wall in view by their pose.
+    pub unusable: Vec<u32>,
+}

@@ -1,0 +1,251 @@
+//! One round of matching over all photos, a few held at a time.
+
+use std::sync::Arc;
+
+use adit_geometry::camera::Camera;
+use adit_geometry::profile::Profile;
+use rayon::prelude::*;
+
+use super::coherence::{Displacement, agreeing};
+use super::pairs::{ExpectedPair, expected_pairs, last_needed};
+use super::patch::Patch;
+use super::search::{Search, SearchSize};
+use super::wall::{BLOCK, Footprint, WallGrid};
+use super::{FoundSighting, MatchConfig, MatchRound, PairReport, Photos, Pixels, StarTrack, ViewPose};
+use crate::poses::Sighting;
+
+/// A reference point that another photo found.
+#[derive(Clone, Copy, Debug)]
+struct Match {
+    /// 0: the pair's first photo holds the reference point, 1: its second.
+    from: usize,
+    point: usize,
+    /// Global place of the reference point, texels, in the columns of its own photo.
+    reference: [f64; 2],
+    /// Where it was found minus the above, texels.
+    displacement: [f64; 2],
+    ncc: f32,
+}
+
+/// Photos as loaded so far.
+type Patches = Vec<Option<Arc<Patch>>>;
+
+/// What [`match_round`] needs at every step.
+struct Round<'a> {
+    grid: WallGrid<'a>,
+    poses: &'a [ViewPose],
+    config: &'a MatchConfig,
+}
+
+/// Matches every two photos that should overlap.
+///
+/// `poses` are one per photo, in order of capture (photos that overlap should be near in the order: it bounds memory).
+/// `progress` is told the number of photos done. The result does not depend on the number of threads.
+pub fn match_round<P: Photos + ?Sized>(
+    profile: &Profile<f64>,
+    camera: &Camera<f64>,
+    poses: &[ViewPose],
+    photos: &P,
+    config: &MatchConfig,
+    progress: &dyn Fn(usize),
+) -> MatchRound {
+    let grid = WallGrid::new(profile, camera, config.grid_m, config.max_incidence_rad);
+    let round = Round { grid, poses, config };
+    let footprints: Vec<Option<Footprint>> =
+        poses.par_iter().map(|pose| Footprint::new(&round.grid, &pose.tunnel_from_cam)).collect();
+    let expected = expected_pairs(&footprints, round.blocks_around(), config.min_overlap);
+    let last_needed = last_needed(&expected, poses.len());
+    let mut patches: Patches = vec![None; poses.len()];
+    let mut tracks: Vec<Vec<StarTrack>> = vec![Vec::new(); poses.len()];
+    let mut result = MatchRound::default();
+    let batch = (2 * rayon::current_num_threads()).max(8);
+    let mut waiting = expected.as_slice();
+    for start in (0..poses.len()).step_by(batch) {
+        let end = (start + batch).min(poses.len());
+        let loaded: Patches = (start..end)
+            .into_par_iter()
+            .map(|photo| round.patch(photo, footprints[photo].as_ref()?, photos).map(Arc::new))
+            .collect();
+        for (photo, patch) in (start..end).zip(loaded) {
+            match &patch {
+                Some(patch) => tracks[photo] = round.empty_tracks(photo, patch),
+                None => result.unusable.push(photo as u32),
+            }
+            patches[photo] = patch;
+        }
+        let (ready, later) = waiting.split_at(waiting.partition_point(|pair| pair.photos[1] < end));
+        waiting = later;
+        let done: Vec<Option<(PairReport, Vec<Match>)>> =
+            ready.par_iter().map_init(Search::default, |search, pair| round.pair(pair, &patches, search)).collect();
+        for (report, matches) in done.into_iter().flatten() {
+            round.add_to_tracks(&report, &matches, &mut tracks);
+            result.pairs.push(report);
+        }
+        for photo in 0..end {
+            if last_needed[photo] < end {
+                patches[photo] = None;
+            }
+        }
+        progress(end);
+    }
+    result.tracks = tracks.into_iter().flatten().filter(|track| !track.others.is_empty()).collect();
+    result
+}
+
+impl Round<'_> {
+    fn blocks_around(&self) -> i64 {
+        self.grid.columns / BLOCK as i64
+    }
+
+    fn patch<P: Photos + ?Sized>(&self, photo: usize, footprint: &Footprint, photos: &P) -> Option<Patch> {
+        let pixels = photos.load(photo)?;
+        if !has_size_of(&pixels, self.grid.camera) {
+            return None;
+        }
+        Some(Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, &pixels, self.config))
+    }
+
+    /// One track per reference point, nobody having found it yet; empty if a point cannot be seen after all.
+    fn empty_tracks(&self, photo: usize, patch: &Patch) -> Vec<StarTrack> {
+        let track = |point: &[usize; 2]| {
+            let place = global_place(patch, *point);
+            let pixel = self.grid.pixel(&self.poses[photo].tunnel_from_cam, place[0], place[1]);
+            let pixel = pixel.map_or([f64::NAN; 2], |pixel| [pixel.x, pixel.y]);
+            StarTrack {
+                reference: Sighting { photo: photo as u32, pixel },
+                others: Vec::new(),
+                s_m: self.grid.profile.wrap_s(place[0] * self.grid.step_m),
+                x_m: place[1] * self.grid.step_m,
+            }
+        };
+        patch.points.iter().map(track).collect()
+    }
+
+    /// Tries a pair; `None` if a photo is missing or the masks leave too little overlap.
+    fn pair(
+        &self,
+        expected: &ExpectedPair,
+        patches: &Patches,
+        search: &mut Search,
+    ) -> Option<(PairReport, Vec<Match>)> {
+        let [first, second] = expected.photos;
+        let pair = [patches[first].as_deref()?, patches[second].as_deref()?];
+        let overlap = pair[0].footprint.overlap(&pair[1].footprint, self.blocks_around());
+        if overlap < self.config.min_overlap {
+            return None;
+        }
+        let reach_px = self.reach_px(expected.photos, pair);
+        let (mut report, mut matches) = self.search_pair(expected.photos, pair, reach_px, search);
+        if report.is_doubtful() && self.config.widen > 1.0 {
+            let wider_px = (reach_px as f64 * self.config.widen).round() as usize;
+            let (again, found) = self.search_pair(expected.photos, pair, wider_px, search);
+            if again.agreeing > report.agreeing {
+                (report, matches) = (again, found);
+            }
+            report.widened = true;
+        }
+        report.overlap = overlap;
+        Some((report, matches))
+    }
+
+    /// Half-width of the search: the prior's uncertainty of the displacement between the two photos.
+    fn reach_px(&self, photos: [usize; 2], pair: [&Patch; 2]) -> usize {
+        let sigma_m = [0, 1].map(|end| self.poses[photos[end]].displacement_sigma_m(pair[end].footprint.distance_m));
+        let reach_m = self.config.search_sigmas * sigma_m[0].hypot(sigma_m[1]);
+        let reach_px = (reach_m / self.grid.step_m).ceil() as usize;
+        reach_px.max(self.config.min_search_px)
+    }
+
+    fn search_pair(
+        &self,
+        photos: [usize; 2],
+        pair: [&Patch; 2],
+        reach_px: usize,
+        search: &mut Search,
+    ) -> (PairReport, Vec<Match>) {
+        let mut report = PairReport {
+            first: photos[0] as u32,
+            second: photos[1] as u32,
+            overlap: 0.0,
+            attempted: 0,
+            matched: 0,
+            agreeing: 0,
+            kept: false,
+            widened: false,
+        };
+        let size = SearchSize { half: self.config.template_px / 2, reach: reach_px, min_ncc: self.config.min_ncc };
+        let mut matches = Vec::new();
+        for from in [0, 1] {
+            let (source, target) = (pair[from], pair[1 - from]);
+            // The same wall may be counted a turn apart in the two photos.
+            let turns = target.footprint.turns_to(&source.footprint, self.blocks_around()) * BLOCK as i64;
+            for (point, &place) in source.points.iter().enumerate() {
+                let predicted = [
+                    place[0] as i64 + source.origin[0] + turns - target.origin[0],
+                    place[1] as i64 + source.origin[1] - target.origin[1],
+                ];
+                if target.inverse_norm_at(predicted[0], predicted[1]) == 0.0 {
+                    continue;
+                }
+                report.attempted += 1;
+                if let Some(peak) = search.find(source, place, target, predicted, &size) {
+                    let reference = global_place(source, place);
+                    matches.push(Match { from, point, reference, displacement: peak.offset, ncc: peak.ncc });
+                }
+            }
+        }
+        report.matched = matches.len() as u32;
+        let kept = self.coherent(photos, &matches, reach_px);
+        let mut kept = kept.into_iter();
+        matches.retain(|_| kept.next() == Some(true));
+        report.agreeing = matches.len() as u32;
+        let least = (self.config.min_agreeing_share * f64::from(report.matched)).max(self.config.min_agreeing as f64);
+        report.kept = f64::from(report.agreeing) >= least;
+        (report, matches)
+    }
+
+    fn coherent(&self, photos: [usize; 2], matches: &[Match], reach_px: usize) -> Vec<bool> {
+        let step_m = self.grid.step_m;
+        let displacements: Option<Vec<Displacement>> = matches
+            .iter()
+            .map(|one| {
+                // A reference in the second photo that the first one found is displaced the other way.
+                let sign = if one.from == 0 { 1.0 } else { -1.0 };
+                let point = self.grid.point(one.reference[0], one.reference[1])?;
+                Some(Displacement { point, found_m: one.displacement.map(|texels| sign * texels * step_m) })
+            })
+            .collect();
+        let Some(displacements) = displacements else { return vec![false; matches.len()] };
+        let poses = photos.map(|photo| &self.poses[photo]);
+        agreeing(&displacements, poses, reach_px as f64 * step_m, self.config.gate_px * step_m)
+    }
+
+    fn add_to_tracks(&self, report: &PairReport, matches: &[Match], tracks: &mut [Vec<StarTrack>]) {
+        if !report.kept {
+            return;
+        }
+        let photos = [report.first, report.second];
+        for one in matches {
+            let photo = photos[1 - one.from];
+            let track = &mut tracks[photos[one.from] as usize][one.point];
+            let place = [0, 1].map(|axis| one.reference[axis] + one.displacement[axis]);
+            let pose = &self.poses[photo as usize].tunnel_from_cam;
+            if let Some(pixel) = self.grid.pixel(pose, place[0], place[1])
+                && track.reference.pixel[0].is_finite()
+            {
+                let sighting = Sighting { photo, pixel: [pixel.x, pixel.y] };
+                track.others.push(FoundSighting { sighting, ncc: one.ncc });
+            }
+        }
+    }
+}
+
+fn global_place(patch: &Patch, point: [usize; 2]) -> [f64; 2] {
+    [0, 1].map(|axis| (patch.origin[axis] + point[axis] as i64) as f64)
+}
+
+fn has_size_of(pixels: &Pixels<'_>, camera: &Camera<f64>) -> bool {
+    let expected = (camera.width_px as usize, camera.height_px as usize);
+    let mask_fits = pixels.mask.as_ref().is_none_or(|mask| (mask.width, mask.height) == expected);
+    (pixels.grey.width, pixels.grey.height) == expected && mask_fits
+}

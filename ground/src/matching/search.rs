@@ -1,0 +1,257 @@
+//! Template search by normalised cross-correlation, with a sub-pixel peak.
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::patch::Patch;
+
+/// Window columns worked on together: enough independent sums to hide the latency of a fused multiply-add.
+const GROUP: usize = 8;
+
+/// Template rows are padded with zeros to a multiple of this, the widest vector in use.
+const LANES: usize = 8;
+
+/// Where a template was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Peak {
+    /// Offset from the window's middle, texels, `[column, row]`.
+    pub(super) offset: [f64; 2],
+    /// Normalised cross-correlation, at most 1.
+    pub(super) ncc: f32,
+}
+
+/// Working memory of a search, reused from point to point.
+#[derive(Debug, Default)]
+pub(super) struct Search {
+    template: Vec<f32>,
+    window: Vec<f32>,
+    scores: Vec<f32>,
+}
+
+impl Search {
+    /// Finds the template around `point` of `from` near `target` (column and row in the window of `to`).
+    ///
+    /// `None` if the best place lies on the border of the search, touches wall that `to` did not see, or correlates less
+    /// than `min_ncc`. Cost: `(2 reach + 1)^2` times the template's area in multiply-adds.
+    pub(super) fn find(
+        &mut self,
+        from: &Patch,
+        point: [usize; 2],
+        to: &Patch,
+        target: [i64; 2],
+        size: &SearchSize,
+    ) -> Option<Peak> {
+        self.take_template(from, point, size);
+        self.take_window(to, target, size);
+        let span = 2 * size.reach + 1;
+        let columns = span.next_multiple_of(GROUP);
+        self.scores.clear();
+        self.scores.resize(span * columns, 0.0);
+        Arch::new().dispatch(Correlate {
+            template: &self.template,
+            template_stride: size.template_stride(),
+            window: &self.window,
+            window_stride: size.window_stride(),
+            scores: &mut self.scores,
+            columns,
+        });
+        self.normalise(to, target, size, columns);
+        self.peak(span, columns, size.min_ncc)
+    }
+
+    fn take_template(&mut self, from: &Patch, point: [usize; 2], size: &SearchSize) {
+        let (side, stride) = (2 * size.half + 1, size.template_stride());
+        self.template.clear();
+        self.template.resize(side * stride, 0.0);
+        let corner = point.map(|middle| middle as i64 - size.half as i64);
+        copy_square(from, corner, side, side, &mut self.template, stride);
+        let mut sum = 0.0;
+        for row in self.template.chunks_exact(stride) {
+            sum += row[..side].iter().sum::<f32>();
+        }
+        let mean = sum / (side * side) as f32;
+        // The norm is that of the patch's own map, so that both sides of the correlation agree about it.
+        let gain = from.inverse_norm_at(point[0] as i64, point[1] as i64);
+        for row in self.template.chunks_exact_mut(stride) {
+            row[..side].iter_mut().for_each(|value| *value = (*value - mean) * gain);
+        }
+    }
+
+    fn take_window(&mut self, to: &Patch, target: [i64; 2], size: &SearchSize) {
+        let stride = size.window_stride();
+        let side = 2 * (size.half + size.reach) + 1;
+        self.window.clear();
+        self.window.resize(side * stride, 0.0);
+        let corner = target.map(|middle| middle - (size.half + size.reach) as i64);
+        copy_square(to, corner, side, side, &mut self.window, stride);
+    }
+
+    fn normalise(&mut self, to: &Patch, target: [i64; 2], size: &SearchSize, columns: usize) {
+        let reach = size.reach as i64;
+        for (row, scores) in self.scores.chunks_exact_mut(columns).enumerate() {
+            for (column, score) in scores.iter_mut().enumerate() {
+                let place = [column as i64 - reach + target[0], row as i64 - reach + target[1]];
+                *score *= to.inverse_norm_at(place[0], place[1]);
+            }
+        }
+    }
+
+    fn peak(&self, span: usize, columns: usize, min_ncc: f32) -> Option<Peak> {
+        let (mut best, mut at) = (min_ncc, None);
+        for (row, scores) in self.scores.chunks_exact(columns).enumerate() {
+            for (column, &score) in scores[..span].iter().enumerate() {
+                if score >= best {
+                    (best, at) = (score, Some((column, row)));
+                }
+            }
+        }
+        let (column, row) = at?;
+        if column == 0 || row == 0 || column + 1 == span || row + 1 == span {
+            return None;
+        }
+        let around: [[f32; 3]; 3] =
+            std::array::from_fn(|dy| std::array::from_fn(|dx| self.scores[(row + dy - 1) * columns + column + dx - 1]));
+        if around.iter().flatten().any(|&score| score == 0.0) {
+            return None;
+        }
+        let [dx, dy] = quadratic_peak(&around)?;
+        let reach = (span / 2) as f64;
+        Some(Peak { offset: [column as f64 - reach + dx, row as f64 - reach + dy], ncc: best })
+    }
+}
+
+/// Sizes of one search, texels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SearchSize {
+    /// Half the template's side.
+    pub(super) half: usize,
+    /// Half the search window's side.
+    pub(super) reach: usize,
+    pub(super) min_ncc: f32,
+}
+
+impl SearchSize {
+    fn template_stride(&self) -> usize {
+        (2 * self.half + 1).next_multiple_of(LANES)
+    }
+
+    fn window_stride(&self) -> usize {
+        (2 * self.reach + 1).next_multiple_of(GROUP) + self.template_stride()
+    }
+}
+
+/// Copies a rectangle of a patch; what lies beyond the patch stays as it was.
+fn copy_square(from: &Patch, corner: [i64; 2], width: usize, height: usize, target: &mut [f32], stride: usize) {
+    let skip = (-corner[0]).clamp(0, width as i64) as usize;
+    let end = (from.texels.width as i64 - corner[0]).clamp(0, width as i64) as usize;
+    if skip >= end {
+        return;
+    }
+    for (offset, row) in target.chunks_exact_mut(stride).take(height).enumerate() {
+        let source_row = corner[1] + offset as i64;
+        if source_row >= 0 && (source_row as usize) < from.texels.height {
+            let start = (corner[0] + skip as i64) as usize;
+            let source = &from.texels.row(source_row as usize)[start..start + end - skip];
+            row[skip..end].copy_from_slice(source);
+        }
+    }
+}
+
+/// Sums of template times window for every offset.
+struct Correlate<'a> {
+    template: &'a [f32],
+    template_stride: usize,
+    window: &'a [f32],
+    window_stride: usize,
+    scores: &'a mut [f32],
+    columns: usize,
+}
+
+impl WithSimd for Correlate<'_> {
+    type Output = ();
+
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { template, template_stride, window, window_stride, scores, columns } = self;
+        for (offset_row, scores) in scores.chunks_exact_mut(columns).enumerate() {
+            let rows = window[offset_row * window_stride..].chunks_exact(window_stride);
+            for (group, scores) in scores.as_chunks_mut::<GROUP>().0.iter_mut().enumerate() {
+                let mut sums = [simd.splat_f32s(0.0); GROUP];
+                for (template_row, window_row) in template.chunks_exact(template_stride).zip(rows.clone()) {
+                    let window_row = &window_row[group * GROUP..group * GROUP + template_stride + GROUP];
+                    row_products(simd, template_row, window_row, &mut sums);
+                }
+                for (score, sum) in scores.iter_mut().zip(sums) {
+                    *score = simd.reduce_sum_f32s(sum);
+                }
+            }
+        }
+    }
+}
+
+/// Adds the products of one template row with the window row at `GROUP` successive offsets.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn row_products<S: Simd>(simd: S, template_row: &[f32], window_row: &[f32], sums: &mut [S::f32s; GROUP]) {
+    let (vectors, rest) = S::as_simd_f32s(template_row);
+    for (index, &vector) in vectors.iter().enumerate() {
+        let start = index * S::F32_LANES;
+        let source = &window_row[start..start + GROUP + S::F32_LANES];
+        for (offset, sum) in sums.iter_mut().enumerate() {
+            let (window, _) = S::as_simd_f32s(&source[offset..offset + S::F32_LANES]);
+            *sum = simd.mul_add_e_f32s(vector, window[0], *sum);
+        }
+    }
+    if !rest.is_empty() {
+        let vector = simd.partial_load_f32s(rest);
+        let start = vectors.len() * S::F32_LANES;
+        for (offset, sum) in sums.iter_mut().enumerate() {
+            let window = simd.partial_load_f32s(&window_row[start + offset..start + offset + rest.len()]);
+            *sum = simd.mul_add_e_f32s(vector, window, *sum);
+        }
+    }
+}
+
+/// Highest point of the least-squares quadratic through nine scores, `[column, row]` from the middle one.
+///
+/// `None` if the quadratic has no maximum or has it more than a texel away.
+fn quadratic_peak(scores: &[[f32; 3]; 3]) -> Option<[f64; 2]> {
+    let s = scores.map(|row| row.map(f64::from));
+    let column_sum = |c: usize| s[0][c] + s[1][c] + s[2][c];
+    let row_sum = |r: usize| s[r][0] + s[r][1] + s[r][2];
+    let gx = (column_sum(2) - column_sum(0)) / 6.0;
+    let gy = (row_sum(2) - row_sum(0)) / 6.0;
+    // Second derivatives of the fit.
+    let hxx = (column_sum(0) - 2.0 * column_sum(1) + column_sum(2)) / 3.0;
+    let hyy = (row_sum(0) - 2.0 * row_sum(1) + row_sum(2)) / 3.0;
+    let hxy = (s[0][0] - s[0][2] - s[2][0] + s[2][2]) / 4.0;
+    let determinant = hxx * hyy - hxy * hxy;
+    if !(hxx < 0.0 && determinant > 0.0) {
+        return None;
+    }
+    let peak = [(hxy * gy - hyy * gx) / determinant, (hxy * gx - hxx * gy) / determinant];
+    peak.iter().all(|offset| offset.abs() <= 1.0).then_some(peak)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_quadratic_finds_its_own_peak() {
+        let peak = [0.3, -0.4];
+        let scores = std::array::from_fn(|row| {
+            std::array::from_fn(|column| {
+                let (x, y) = (column as f32 - 1.0 - peak[0], row as f32 - 1.0 - peak[1]);
+                1.0 - 0.2 * x * x - 0.3 * y * y + 0.1 * x * y
+            })
+        });
+        let found = quadratic_peak(&scores).expect("a maximum");
+        assert!((found[0] - 0.3).abs() < 1e-6 && (found[1] + 0.4).abs() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn a_saddle_has_no_peak() {
+        assert_eq!(quadratic_peak(&[[0.0, 1.0, 0.0], [-1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), None);
+    }
+}
