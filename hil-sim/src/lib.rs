@@ -2,4 +2,11 @@
 //! virtual time and leaves what a real flight leaves.
 #![forbid(unsafe_code)]
 
+pub mod config;
+pub mod faults;
+pub mod plant;
 pub mod scene;
+pub mod seed;
+pub mod sensors;
+pub mod tunnel;
+pub mod world;
