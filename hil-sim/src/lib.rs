@@ -4,6 +4,7 @@
 
 pub mod config;
 pub mod faults;
+pub mod flight;
 pub mod plant;
 pub mod scene;
 pub mod seed;

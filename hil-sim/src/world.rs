@@ -17,11 +17,11 @@ use crate::plant::camera::{Shot, Shutter};
 use crate::plant::servo::Servo;
 use crate::plant::vehicle::{Vehicle, VehicleState};
 use crate::plant::wind::Wind;
+use crate::scene::Wall;
 use crate::seed::{Random, Stream};
 use crate::sensors::encoder::Encoder;
 use crate::sensors::navigation::Navigation;
 use crate::sensors::range::{RangeSensor, beam_in_body};
-use crate::scene::Wall;
 
 /// One photo as it was truly taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +38,8 @@ pub struct Exposure {
     pub shaft_rad: f64,
     /// Brightness of the board's light, 0 to 1.
     pub light_level: f64,
+    /// Which closing of the shutter contact it answers, counted from 1.
+    pub press: u32,
     /// Whether nobody asked for it.
     pub surplus: bool,
 }
@@ -228,6 +230,7 @@ impl World {
             angular_velocity_rad_per_s: tunnel_from_body.rotation * cam_turning_in_body,
             shaft_rad,
             light_level,
+            press: shot.press,
             surplus: shot.surplus,
         }
     }

@@ -42,6 +42,8 @@ pub struct Simulation {
     pub shutter: ShutterConfig,
     /// The camera's clock and file numbers.
     pub card: CardConfig,
+    /// How the real wall differs from the profile.
+    pub wall: crate::scene::WallConfig,
     /// Faults with their times.
     pub faults: Vec<Fault>,
     /// This many more faults are drawn from the seed.

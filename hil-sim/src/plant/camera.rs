@@ -19,6 +19,8 @@ const BUSY_DELAY_S: f64 = 0.02;
 pub struct Shot {
     /// Middle of the exposure, in seconds of the world.
     pub time_s: f64,
+    /// Which closing of the contact it answers, counted from 1.
+    pub press: u32,
     /// Whether nobody asked for it.
     pub surplus: bool,
 }
@@ -37,6 +39,7 @@ pub struct Answer {
 pub struct Shutter {
     config: ShutterConfig,
     contact_was_closed: bool,
+    presses: u32,
     busy_from_s: f64,
     busy_until_s: f64,
     due: Vec<Shot>,
@@ -52,6 +55,7 @@ impl Shutter {
         Self {
             config: *config,
             contact_was_closed: false,
+            presses: 0,
             busy_from_s: f64::INFINITY,
             busy_until_s: f64::NEG_INFINITY,
             due: Vec::new(),
@@ -68,6 +72,8 @@ impl Shutter {
         if !pressed {
             return;
         }
+        self.presses += 1;
+        let press = self.presses;
         // All draws of a press are made whatever happens, so that one shot's fate does not shift the next one's.
         let spread_s = self.config.latency_spread_s * self.random.gauss(0.5).exp();
         let missed = self.random.chance(self.config.missed_share);
@@ -83,11 +89,11 @@ impl Shutter {
         if missed {
             return;
         }
-        self.due.push(Shot { time_s: exposure_s, surplus: false });
+        self.due.push(Shot { time_s: exposure_s, press, surplus: false });
         self.storing.push(self.busy_until_s);
         if double {
             let again_s = exposure_s + self.config.double_gap_s;
-            self.due.push(Shot { time_s: again_s, surplus: true });
+            self.due.push(Shot { time_s: again_s, press, surplus: true });
             self.busy_until_s = again_s + write_s;
             self.storing.push(self.busy_until_s);
         }

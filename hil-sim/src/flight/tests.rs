@@ -1,0 +1,127 @@
+//! The loop with a board of a few lines, so that what fails here is the world's fault.
+
+use adit_firmware::io::Command;
+
+use super::*;
+
+const MISSION: &str = r#"
+format = 1
+[tunnel]
+profile = "circle"
+radius_m = 1.5
+[camera]
+model = "brown-conrady"
+width_px = 1000
+height_px = 750
+fx_px = 466.0
+fy_px = 466.0
+cx_px = 503.5
+cy_px = 373.0
+distortion = [-0.04, 0.006, 0.0, 0.0, 0.0]
+[rig]
+images_per_turn = 10
+image_up = "forward"
+lever_radial_m = 0.06
+[flight]
+length_m = 2.0
+"#;
+
+/// Turns by a tenth and presses once a second; allows a constant speed.
+#[derive(Default)]
+struct Metronome {
+    mode: Mode,
+    limit_mps: f32,
+}
+
+impl Board for Metronome {
+    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs {
+        self.mode = match (self.mode, inputs.command) {
+            (Mode::Boot, _) => Mode::Idle,
+            (Mode::Idle, Some(Command::Arm)) | (Mode::Scanning, Some(Command::Stop)) => Mode::Ready,
+            (Mode::Ready, Some(Command::Start)) => Mode::Scanning,
+            (mode, _) => mode,
+        };
+        let scanning = self.mode == Mode::Scanning;
+        Outputs {
+            mode: self.mode,
+            shaft_setpoint_rad: (now_us / 1_000_000) as f32 * 36_f32.to_radians(),
+            shutter: scanning && now_us % 1_000_000 > 600_000 && now_us % 1_000_000 < 700_000,
+            speed_limit_mps: scanning.then_some(self.limit_mps),
+            ..Outputs::default()
+        }
+    }
+}
+
+fn flown(simulation: &Simulation, seed: u64) -> Flight {
+    let mission = Mission::from_toml(MISSION).expect("a mission");
+    let mut board = Metronome { limit_mps: 0.1, ..Metronome::default() };
+    fly_board(&mut board, &mission, simulation, seed).expect("a flight")
+}
+
+fn calm() -> Simulation {
+    let mut simulation = Simulation::default();
+    simulation.wind.gust_sigma_mps2 = [0.0; 3];
+    simulation.shutter.missed_share = 0.0;
+    simulation.shutter.double_share = 0.0;
+    simulation
+}
+
+#[test]
+fn the_vehicle_flies_the_tunnel_at_the_limit_and_stays_near_the_axis() {
+    let flight = flown(&calm(), 1);
+    assert_eq!(flight.outcome, Outcome::Completed);
+    let flying: Vec<&Moment> = flight.moments.iter().filter(|moment| moment.mode == Mode::Scanning).collect();
+    let mean_mps = 2.0 / (flying.len() as f64 * 0.005);
+    assert!((0.07..0.1).contains(&mean_mps), "mean speed {mean_mps} m/s under a limit of 0.1 m/s");
+    let worst_m = flying.iter().map(|moment| moment.vehicle.position_m.yz().norm()).fold(0.0, f64::max);
+    assert!((0.01..0.3).contains(&worst_m), "largest offset {worst_m} m");
+}
+
+#[test]
+fn a_good_camera_takes_one_photo_per_press_with_the_shaft_at_rest() {
+    let flight = flown(&calm(), 2);
+    assert_eq!(flight.exposures.len(), flight.presses_s.len());
+    for (exposure, press_s) in flight.exposures.iter().zip(&flight.presses_s) {
+        let latency_s = exposure.time_s - press_s;
+        assert!((0.1..0.3).contains(&latency_s), "latency {latency_s} s");
+        assert!(exposure.angular_velocity_rad_per_s.norm() < 0.6);
+        assert!(exposure.velocity_mps.norm() < 0.4);
+    }
+}
+
+#[test]
+fn the_camera_looks_where_the_shaft_points() {
+    let flight = flown(&calm(), 3);
+    for exposure in &flight.exposures {
+        let looks = exposure.tunnel_from_cam * nalgebra::Vector3::z();
+        let points = adit_geometry::rig::outward(exposure.shaft_rad);
+        assert!(looks.angle(&points) < 6_f64.to_radians(), "{} degrees", looks.angle(&points).to_degrees());
+    }
+}
+
+#[test]
+fn an_autopilot_that_ignores_the_limit_is_faster_than_it() {
+    let mut simulation = calm();
+    simulation.faults = vec![crate::faults::Fault { kind: FaultKind::LimitIgnored, at_s: 0.0, for_s: None }];
+    let flight = flown(&simulation, 1);
+    let fastest = flight.moments.iter().map(|moment| moment.vehicle.velocity_mps.x).fold(0.0, f64::max);
+    assert!(fastest > 0.4, "fastest {fastest} m/s");
+}
+
+#[test]
+fn power_loss_ends_the_flight_of_the_board_but_not_the_photo_under_way() {
+    let mut simulation = calm();
+    simulation.faults = vec![crate::faults::Fault { kind: FaultKind::PowerLoss, at_s: 10.65, for_s: None }];
+    let flight = flown(&simulation, 1);
+    assert_eq!(flight.outcome, Outcome::PowerLost);
+    assert!(flight.duration_s() < 10.66);
+    assert!(flight.exposures.last().expect("photos").time_s > 10.65);
+}
+
+#[test]
+fn the_same_seed_makes_the_same_flight() {
+    let (one, two, other) = (flown(&Simulation::default(), 5), flown(&Simulation::default(), 5), flown(&calm(), 6));
+    assert_eq!(one.exposures, two.exposures);
+    assert_eq!(one.moments, two.moments);
+    assert_ne!(one.exposures, other.exposures);
+}
