@@ -1,4 +1,5 @@
 //! Units of the mission file: degrees and millimetres outside, radians and metres inside.
+#![expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands values over by reference")]
 
 /// Degrees in the file, radians in memory.
 pub(super) mod degrees {

@@ -57,7 +57,6 @@ impl Pilot {
         }
         let at_end = self.at_end_since_s.is_some();
         let command = match mode {
-            Mode::Boot | Mode::SelfTest => None,
             Mode::Idle | Mode::Ready | Mode::Fault if at_end => {
                 self.linger(now_s)?;
                 None
@@ -65,7 +64,7 @@ impl Pilot {
             Mode::Idle => self.arm(now_s)?,
             Mode::Ready => self.say(now_s, Command::Start),
             Mode::Scanning | Mode::Degraded if at_end => self.say(now_s, Command::Stop),
-            Mode::Scanning | Mode::Degraded => None,
+            Mode::Boot | Mode::SelfTest | Mode::Scanning | Mode::Degraded => None,
             Mode::Fault => self.wait_out(now_s)?,
         };
         let flying = matches!(mode, Mode::Scanning | Mode::Degraded) && !at_end;

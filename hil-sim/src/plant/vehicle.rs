@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     fn still() -> Vehicle {
-        let config = AttitudeConfig { wobble_sigma_rad: 0.0, yaw_sigma_rad: 0.0, ..AttitudeConfig::default() };
+        let config = AttitudeConfig { wobble_sigma_rad: 0.0, yaw_sigma_rad: 0.0 };
         Vehicle::new(Vector3::zeros(), &config, 1)
     }
 
