@@ -144,8 +144,8 @@ impl<T: Real> Camera<T> {
     pub fn contains(&self, pixel: &Vector2<T>, margin_px: T) -> bool {
         pixel.x >= margin_px
             && pixel.y >= margin_px
-            && pixel.x <= T::of(f64::from(self.width_px)) - margin_px
-            && pixel.y <= T::of(f64::from(self.height_px)) - margin_px
+            && pixel.x <= T::count(self.width_px) - margin_px
+            && pixel.y <= T::count(self.height_px) - margin_px
     }
 
     fn to_pixel(self, plane: Vector2<T>) -> Vector2<T> {

@@ -5,13 +5,16 @@
 //! `tunnel`: x forward along the axis, y right, z down. `body`: front, right, down. `cam`: x right, y down, z forward.
 //! The angle `phi` around the section is 0 at the crown and grows clockwise looking forward:
 //! `y = r sin(phi)`, `z = -r cos(phi)`. Image coordinates: (0.5, 0.5) is the centre of the first pixel.
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod angles;
 pub mod camera;
+pub mod centring;
 pub mod profile;
 pub mod rig;
 mod scalar;
+pub mod speed;
 
 pub use scalar::Real;
 

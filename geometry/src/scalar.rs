@@ -9,12 +9,19 @@ pub trait Real: RealField + Copy {
         nalgebra::convert(value)
     }
 
+    /// The scalar nearest to a count. (Never through `f64`, which the board computes in software.)
+    fn count(value: u32) -> Self;
+
     /// The value as `f64`, for reports.
     fn to_f64(self) -> f64;
 }
 
 impl Real for f32 {
     fn of(value: f64) -> Self {
+        value as Self
+    }
+
+    fn count(value: u32) -> Self {
         value as Self
     }
 
@@ -26,6 +33,10 @@ impl Real for f32 {
 impl Real for f64 {
     fn of(value: f64) -> Self {
         value
+    }
+
+    fn count(value: u32) -> Self {
+        Self::from(value)
     }
 
     fn to_f64(self) -> f64 {

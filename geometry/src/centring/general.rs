@@ -1,0 +1,406 @@
+//! Centring in any profile from any beams, with outlier rejection and covariance.
+//!
+//! # Model
+//! Unknown: the body origin's place `[y, z]` in the section. A beam starts at its lever arm and runs along its direction,
+//! both fixed in the body; attitude turns them into the tunnel, where the profile's ray-cast gives the expected range.
+//! Residual: `(measured - expected) / sigma`. Cauchy loss, so that one wrong beam among four does not pull the answer.
+//! # Method
+//! Gauss-Newton with step halving, re-weighted; from the hint alone while that explains the beams, else from a grid over the
+//! section. Minima that explain the beams about equally well are told apart by the hint, or reported as ambiguous.
+//! # Limits
+//! At most [`MAX_BEAMS`] beams. A beam's footprint is a point (2 degrees of divergence are 0.35 m at 10 m). Two beams can
+//! be wrong together unnoticed; three can show that one is wrong but not which; four can. Where a beam meets a corner of
+//! the profile its expected range has a kink; there the answer may be off by a few centimetres.
+
+use nalgebra::{Matrix2, SymmetricEigen, UnitQuaternion, Vector3};
+
+use crate::profile::Profile;
+use crate::{Real, SectionVector};
+
+/// The most beams one solution may use.
+pub const MAX_BEAMS: usize = 16;
+/// The most Gauss-Newton steps from one start.
+const MAX_ITERATIONS: u8 = 25;
+/// Starts per axis of the grid over the section.
+const GRID: u32 = 5;
+/// Scale of the Cauchy loss in sigmas: 95 % efficiency on normal noise (Holland and Welsch 1977).
+const CAUCHY_SCALE: f64 = 2.3849;
+/// A beam counts as used if its residual is below this many sigmas.
+const GATE_SIGMAS: f64 = 4.0;
+/// Two minima whose costs (half the sum of squares) differ by less explain the beams about equally well.
+const EQUAL_COST: f64 = 3.0;
+/// A descent that cannot go on although a step would gain more than this, by the slope, is stuck.
+const STUCK_GAIN: f64 = 1e-3;
+/// Shortest part of a beam's unit direction that must lie in the section.
+const MIN_IN_SECTION: f64 = 0.2;
+/// A position is unknown along a direction whose sigma exceeds this share of the section's extent.
+const MAX_SIGMA_SHARE: f64 = 0.03;
+
+/// One range sensor and its reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beam<T: Real> {
+    /// Where the range counts from, in the body frame.
+    pub origin_in_body_m: Vector3<T>,
+    /// Unit vector along the beam, in the body frame.
+    pub direction_in_body: Vector3<T>,
+    /// The reading; `None` if the sensor could not measure, which is never "far".
+    pub range_m: Option<T>,
+    /// One standard deviation of the reading.
+    pub sigma_m: T,
+}
+
+/// A set of beams by their index in the slice that was given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BeamSet(pub u16);
+
+impl BeamSet {
+    /// Tells whether beam `index` is in the set.
+    pub fn contains(self, index: usize) -> bool {
+        index < MAX_BEAMS && self.0 >> index & 1 == 1
+    }
+
+    /// Returns the number of beams in the set.
+    pub fn len(self) -> u32 {
+        self.0.count_ones()
+    }
+
+    /// Tells whether the set is empty.
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Returns the set with beam `index`; an index of [`MAX_BEAMS`] or more changes nothing.
+    #[must_use]
+    pub fn with(self, index: usize) -> Self {
+        if index < MAX_BEAMS { Self(self.0 | 1 << index) } else { self }
+    }
+}
+
+/// A position and how sure it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fix<T: Real> {
+    /// The body origin `[y, z]` (right, down) against the tunnel's axis.
+    pub offset_m: SectionVector<T>,
+    /// Covariance of `offset_m`, from the beams' sigmas and weights alone.
+    pub covariance_m2: Matrix2<T>,
+    /// Beams that agree with the position.
+    pub used: BeamSet,
+    /// Beams that measured something else: an obstacle, another wall than the profile's, a fault.
+    pub rejected: BeamSet,
+    /// Root mean square of the used beams' residuals, in their sigmas.
+    pub residual_sigmas: T,
+    /// Gauss-Newton steps over all starts.
+    pub iterations: u16,
+}
+
+/// What the beams say about the position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Centring<T: Real> {
+    /// One position explains the beams, or the hint chose between several.
+    Solved(Fix<T>),
+    /// Two places explain the beams about equally well (the mirror solutions), and there is no hint.
+    Ambiguous {
+        /// Both, the better one first.
+        fixes: [Fix<T>; 2],
+    },
+    /// The beams fix the position across, but not along `free_direction` (two horizontal beams between vertical walls).
+    Undetermined {
+        /// The position; its part along `free_direction` is the hint's or the start's.
+        fix: Fix<T>,
+        /// Unit vector `[y, z]` along which nothing is known.
+        free_direction: SectionVector<T>,
+    },
+    /// No position inside the profile agrees with two beams.
+    Inconsistent {
+        /// Beams that measured.
+        usable: BeamSet,
+    },
+    /// Fewer than two beams measured something in the section.
+    NotEnoughBeams {
+        /// Those that did.
+        usable: BeamSet,
+    },
+}
+
+impl<T: Real> Centring<T> {
+    /// Returns the position where there is exactly one.
+    pub fn solved(&self) -> Option<&Fix<T>> {
+        match self {
+            Self::Solved(fix) => Some(fix),
+            _ => None,
+        }
+    }
+}
+
+/// Finds the vehicle in the section.
+///
+/// `hint_m` is a previous or predicted position: it chooses between mirror solutions and makes the search short. It adds no
+/// information of its own: the covariance is the beams' alone.
+///
+/// # Frame and units
+/// Beams in the body frame, `tunnel_from_body` the attitude; the answer is `[y, z]` in the tunnel's section, metres.
+/// # Errors
+/// None: every outcome is a variant of [`Centring`]. NaN in a beam, its lever or its sigma makes the beam unusable; NaN in
+/// the attitude makes all so; a hint that is NaN or outside is no hint.
+pub fn locate<T: Real>(
+    profile: &Profile<T>,
+    beams: &[Beam<T>],
+    tunnel_from_body: &UnitQuaternion<T>,
+    hint_m: Option<SectionVector<T>>,
+) -> Centring<T> {
+    let problem = Problem::new(profile, beams, tunnel_from_body);
+    if problem.rays.len() < 2 {
+        return Centring::NotEnoughBeams { usable: problem.usable() };
+    }
+    let hint_m = hint_m.filter(|hint| profile.contains(*hint));
+    let mut minima = Minima::new();
+    let mut iterations = 0;
+    if let Some(hint_m) = hint_m {
+        minima.offer(problem.descend(hint_m, &mut iterations));
+        if let Some(nearest) = minima.best()
+            && !nearest.stuck
+            && problem.explains_all(&nearest)
+        {
+            return problem.outcome(&nearest, iterations);
+        }
+    }
+    for start_m in problem.grid() {
+        minima.offer(problem.descend(start_m, &mut iterations));
+    }
+    let Some(best) = minima.best() else { return Centring::Inconsistent { usable: problem.usable() } };
+    let rival = minima.rival(&best);
+    match (rival, hint_m) {
+        (Some(rival), Some(hint_m)) => {
+            let nearer = if (rival.offset_m - hint_m).norm() < (best.offset_m - hint_m).norm() { rival } else { best };
+            problem.outcome(&nearer, iterations)
+        }
+        (Some(rival), None) => match (problem.outcome(&best, iterations), problem.outcome(&rival, iterations)) {
+            (Centring::Solved(best), Centring::Solved(rival)) => Centring::Ambiguous { fixes: [best, rival] },
+            (outcome, _) => outcome,
+        },
+        (None, _) => problem.outcome(&best, iterations),
+    }
+}
+
+/// Returns the range that a beam would measure to the profile from `offset_m`; `None` if it meets no wall.
+///
+/// For the downward beam, measured minus this is minus the depth of water or sludge.
+pub fn expected_range_m<T: Real>(
+    profile: &Profile<T>,
+    beam: &Beam<T>,
+    tunnel_from_body: &UnitQuaternion<T>,
+    offset_m: SectionVector<T>,
+) -> Option<T> {
+    let origin = (tunnel_from_body * beam.origin_in_body_m).yz();
+    let direction = (tunnel_from_body * beam.direction_in_body).yz();
+    profile.ray_cast(offset_m + origin, direction).map(|hit| hit.distance)
+}
+
+/// A beam turned into the tunnel.
+struct Ray<T> {
+    index: usize,
+    origin_m: SectionVector<T>,
+    /// The unit direction's part in the section: the ray-cast's distance is then the range itself.
+    direction: SectionVector<T>,
+    range_m: T,
+    weight: T,
+}
+
+struct Problem<'a, T: Real> {
+    profile: &'a Profile<T>,
+    rays: heapless::Vec<Ray<T>, MAX_BEAMS>,
+}
+
+/// The beams' view of one position.
+#[derive(Clone, Copy)]
+struct Normal<T: Real> {
+    /// Cauchy cost, in units of half squared sigmas.
+    cost: T,
+    information: Matrix2<T>,
+    gradient: SectionVector<T>,
+}
+
+#[derive(Clone, Copy)]
+struct Minimum<T: Real> {
+    offset_m: SectionVector<T>,
+    cost: T,
+    information: Matrix2<T>,
+    /// The descent ended although the slope goes on: a beam at a corner of the profile, where its expected range jumps.
+    stuck: bool,
+}
+
+impl<'a, T: Real> Problem<'a, T> {
+    fn new(profile: &'a Profile<T>, beams: &[Beam<T>], tunnel_from_body: &UnitQuaternion<T>) -> Self {
+        let mut rays = heapless::Vec::new();
+        for (index, beam) in beams.iter().enumerate().take(MAX_BEAMS) {
+            let Some(range_m) = beam.range_m else { continue };
+            let origin_m = (tunnel_from_body * beam.origin_in_body_m).yz();
+            let direction = (tunnel_from_body * beam.direction_in_body).yz();
+            let finite = range_m.is_finite() && beam.sigma_m.is_finite() && origin_m.norm().is_finite();
+            let in_section = direction.norm() >= T::of(MIN_IN_SECTION);
+            if finite && in_section && range_m > T::zero() && beam.sigma_m > T::zero() {
+                let ray = Ray { index, origin_m, direction, range_m, weight: T::one() / beam.sigma_m };
+                // The vector holds MAX_BEAMS, as many as are taken.
+                let _ = rays.push(ray);
+            }
+        }
+        Self { profile, rays }
+    }
+
+    fn usable(&self) -> BeamSet {
+        self.rays.iter().fold(BeamSet::default(), |set, ray| set.with(ray.index))
+    }
+
+    /// Residual in sigmas and its derivative with respect to the position.
+    ///
+    /// On the wall `n . (o + t d) = const`, so `dt/do = -n / (n . d)` and the residual `m - t` changes by `+n / (n . d)`.
+    fn residual(&self, ray: &Ray<T>, offset_m: SectionVector<T>) -> Option<(T, SectionVector<T>)> {
+        let hit = self.profile.ray_cast(offset_m + ray.origin_m, ray.direction)?;
+        let normal = hit.surface.normal;
+        let closing = normal.dot(&ray.direction);
+        // A wall seen from behind means that the position lies outside; one seen edge-on tells nothing.
+        if closing > -T::of(1e-3) {
+            return None;
+        }
+        Some(((ray.range_m - hit.distance) * ray.weight, normal * (ray.weight / closing)))
+    }
+
+    /// Normal equations at a position; `None` where a beam meets no wall from within.
+    fn normal(&self, offset_m: SectionVector<T>) -> Option<Normal<T>> {
+        let scale2 = T::of(CAUCHY_SCALE * CAUCHY_SCALE);
+        let mut normal = Normal { cost: T::zero(), information: Matrix2::zeros(), gradient: SectionVector::zeros() };
+        for ray in &self.rays {
+            let (residual, derivative) = self.residual(ray, offset_m)?;
+            let share = residual * residual / scale2;
+            let robust = T::one() / (T::one() + share);
+            normal.cost += scale2 * share.ln_1p() * T::of(0.5);
+            normal.information += derivative * derivative.transpose() * robust;
+            normal.gradient += derivative * (residual * robust);
+        }
+        Some(normal)
+    }
+
+    fn descend(&self, start_m: SectionVector<T>, iterations: &mut u16) -> Option<Minimum<T>> {
+        let mut offset_m = start_m;
+        let mut normal = self.normal(start_m)?;
+        let (low, high) = self.profile.bounds();
+        let extent_m = (high - low).norm();
+        // Enough to solve along a direction that no beam sees, too little to matter along any other.
+        let ridge = T::of(1e-2) / (extent_m * extent_m);
+        let tiny_m = extent_m * T::default_epsilon() * T::of(8.0);
+        let mut stuck = false;
+        for _ in 0..MAX_ITERATIONS {
+            *iterations = iterations.saturating_add(1);
+            let damped = normal.information + Matrix2::identity() * ridge;
+            let step = -(damped.try_inverse()? * normal.gradient);
+            let mut share = T::one();
+            let mut accepted = None;
+            while share > T::of(1e-3) {
+                let candidate = offset_m + step * share;
+                if let Some(next) = self.normal(candidate)
+                    && next.cost < normal.cost
+                {
+                    accepted = Some((candidate, next));
+                    break;
+                }
+                share *= T::of(0.4);
+            }
+            let Some((candidate, next)) = accepted else {
+                stuck = -step.dot(&normal.gradient) > T::of(STUCK_GAIN);
+                break;
+            };
+            let moved_m = (candidate - offset_m).norm();
+            (offset_m, normal) = (candidate, next);
+            if moved_m <= tiny_m {
+                break;
+            }
+        }
+        let minimum = Minimum { offset_m, cost: normal.cost, information: normal.information, stuck };
+        self.profile.contains(offset_m).then_some(minimum)
+    }
+
+    /// Starting points: a grid over the bounding box, inside the profile.
+    fn grid(&self) -> impl Iterator<Item = SectionVector<T>> {
+        let (low, high) = self.profile.bounds();
+        let share = |i: u32| (T::count(i) + T::of(0.5)) / T::count(GRID);
+        (0..GRID * GRID).filter_map(move |i| {
+            let size = high - low;
+            let start = low + SectionVector::new(size.x * share(i % GRID), size.y * share(i / GRID));
+            self.profile.contains(start).then_some(start)
+        })
+    }
+
+    fn explains_all(&self, minimum: &Minimum<T>) -> bool {
+        self.rays.iter().all(|ray| {
+            self.residual(ray, minimum.offset_m).is_some_and(|(residual, _)| residual.abs() < T::of(GATE_SIGMAS))
+        })
+    }
+
+    fn outcome(&self, minimum: &Minimum<T>, iterations: u16) -> Centring<T> {
+        let (mut used, mut rejected) = (BeamSet::default(), BeamSet::default());
+        let mut sum = T::zero();
+        for ray in &self.rays {
+            match self.residual(ray, minimum.offset_m) {
+                Some((residual, _)) if residual.abs() < T::of(GATE_SIGMAS) => {
+                    used = used.with(ray.index);
+                    sum += residual * residual;
+                }
+                _ => rejected = rejected.with(ray.index),
+            }
+        }
+        if used.len() < 2 {
+            return Centring::Inconsistent { usable: self.usable() };
+        }
+        let (low, high) = self.profile.bounds();
+        let largest_sigma_m = (high - low).norm() * T::of(MAX_SIGMA_SHARE);
+        let floor = T::one() / (largest_sigma_m * largest_sigma_m);
+        let eigen = SymmetricEigen::new(minimum.information);
+        let weakest = eigen.eigenvalues.imin();
+        let undetermined = eigen.eigenvalues.min() < floor;
+        let bounded = eigen.eigenvalues.map(|value| T::one() / value.max(floor));
+        let covariance_m2 = eigen.eigenvectors * Matrix2::from_diagonal(&bounded) * eigen.eigenvectors.transpose();
+        let residual_sigmas = (sum / T::count(used.len())).sqrt();
+        let fix = Fix { offset_m: minimum.offset_m, covariance_m2, used, rejected, residual_sigmas, iterations };
+        if undetermined {
+            Centring::Undetermined { fix, free_direction: eigen.eigenvectors.column(weakest).into_owned() }
+        } else {
+            Centring::Solved(fix)
+        }
+    }
+}
+
+/// The two best distinct minima.
+struct Minima<T: Real> {
+    found: heapless::Vec<Minimum<T>, 26>,
+}
+
+impl<T: Real> Minima<T> {
+    fn new() -> Self {
+        Self { found: heapless::Vec::new() }
+    }
+
+    fn offer(&mut self, minimum: Option<Minimum<T>>) {
+        if let Some(minimum) = minimum {
+            // Room for the hint and every start of the grid.
+            let _ = self.found.push(minimum);
+        }
+    }
+
+    fn best(&self) -> Option<Minimum<T>> {
+        self.found.iter().copied().reduce(|best, next| if next.cost < best.cost { next } else { best })
+    }
+
+    /// The best minimum that lies elsewhere and explains the beams about as well.
+    fn rival(&self, best: &Minimum<T>) -> Option<Minimum<T>> {
+        self.found
+            .iter()
+            .filter(|minimum| minimum.cost - best.cost < T::of(EQUAL_COST))
+            .filter(|minimum| {
+                // Elsewhere: farther than the beams' own uncertainty at the best place (9 = three sigmas squared).
+                let apart = minimum.offset_m - best.offset_m;
+                apart.dot(&(best.information * apart)) > T::of(9.0)
+            })
+            .copied()
+            .reduce(|best, next| if next.cost < best.cost { next } else { best })
+    }
+}
