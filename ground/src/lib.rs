@@ -6,6 +6,7 @@
 
 pub mod adjust;
 pub mod matching;
+pub mod pipeline;
 pub mod poses;
 pub mod prior;
 pub mod raster;

@@ -41,9 +41,9 @@ impl StageProgress {
         self.bar.inc(1);
     }
 
-    /// Sets how many items there are, once known.
-    pub fn set_total(&self, total: usize) {
-        self.bar.set_length(total as u64);
+    /// Sets how many items are done.
+    pub fn set(&self, done: usize) {
+        self.bar.set_position(done as u64);
     }
 
     /// Ends the stage with a line that says what came out.

@@ -1,0 +1,388 @@
+//! From tags and photos to poses: prior, coarse round, fine round, adjustment with pruning.
+
+use std::collections::BTreeMap;
+
+use adit_geometry::profile::Profile;
+use anyhow::{Context, Result};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::photos::{SurveyPhotos, photo_mask};
+use super::progress::StageProgress;
+use crate::adjust::{
+    AdjustReport, Adjusted, Observation, Point, Problem, PruneCounts, Pruning, Shared, Weights, adjust, pose_sigmas, prune,
+};
+use crate::matching::{MatchConfig, MatchRound, PairReport, StarTrack, ViewPose, match_round};
+use crate::poses::{PhotoPose, PoseStatus, Reconstruction, Sighting, Track};
+use crate::prior::{SizeEstimate, TagPrior, estimate_size, prior_poses};
+use crate::raster::Mask;
+use crate::survey::{Loss, Survey};
+
+/// A photo with fewer surviving sightings is not held by the photos but by its tag.
+const LEAST_SIGHTINGS: usize = 15;
+/// One standard deviation of a match in the coarse round, pixels of the photo.
+const COARSE_MATCH_PX: f64 = 0.8;
+/// One standard deviation of a match in the fine round, pixels of the photo.
+const FINE_MATCH_PX: f64 = 0.3;
+/// No match is better than this, whatever the residuals say: the camera model itself is not.
+const LEAST_MATCH_PX: f64 = 0.05;
+/// Geman-McClure scale in standard deviations.
+const ROBUST: f64 = 3.0;
+/// Softness of the surface: real linings are out of shape by centimetres, and points must be free to say so.
+const SURFACE_M: f64 = 0.05;
+
+/// What the pose stages are allowed to do.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolveOptions {
+    /// The paper's P1: use masks.
+    pub prune_mask: bool,
+    /// The paper's P2: drop points off the section.
+    pub prune_surface: bool,
+    /// The paper's P3: drop sightings with a large reprojection error.
+    pub prune_reprojection: bool,
+}
+
+impl Default for SolveOptions {
+    /// All three steps.
+    fn default() -> Self {
+        Self { prune_mask: true, prune_surface: true, prune_reprojection: true }
+    }
+}
+
+/// Poses as the tags alone give them.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct PriorStage {
+    /// `tunnel_from_cam`, one per photo.
+    pub poses: Vec<Isometry3<f64>>,
+    /// The section's size by the ranges.
+    pub size: Option<SizeEstimate>,
+}
+
+/// Poses after a round of matching and an adjustment.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct CoarseStage {
+    /// `tunnel_from_cam`, one per photo.
+    pub poses: Vec<Isometry3<f64>>,
+    /// One standard deviation of a pose: optical centre (metres) and rotation (radians), worst axis.
+    pub sigmas: Vec<[f64; 2]>,
+    /// Mounting rotation vector (camera axes) and odometer scale.
+    pub shared: ([f64; 3], f64),
+    /// The round.
+    pub round: RoundSummary,
+    /// The adjustment.
+    pub adjustment: AdjustReport,
+    /// Photos that could not be read.
+    pub losses: Vec<Loss>,
+}
+
+/// Matches of the fine round, as points with sightings.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct MatchStage {
+    /// Points with their first position and sightings.
+    pub tracks: Vec<Track>,
+    /// The round.
+    pub round: RoundSummary,
+}
+
+/// The adjusted survey.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AdjustStage {
+    /// Poses and points.
+    pub reconstruction: Reconstruction,
+    /// Mounting rotation vector (camera axes, radians).
+    pub mount_rotvec_rad: [f64; 3],
+    /// True metres per odometer metre, minus one.
+    pub odometer_scale: f64,
+    /// Before pruning.
+    pub first: AdjustReport,
+    /// After pruning.
+    pub last: AdjustReport,
+    /// What was pruned.
+    pub pruned: PruneCounts,
+}
+
+/// Figures of a round of matching.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RoundSummary {
+    /// Pairs of photos that should overlap.
+    pub pairs_expected: usize,
+    /// Pairs whose matches agree.
+    pub pairs_kept: usize,
+    /// Pairs searched again in a wider window.
+    pub pairs_widened: usize,
+    /// Names of pairs that should overlap but gave nothing usable, or of which less than half agrees.
+    pub doubtful: Vec<(String, String)>,
+    /// Sightings of reference points in other photos.
+    pub matches: usize,
+    /// Reference points that at least one other photo found.
+    pub points: usize,
+}
+
+impl RoundSummary {
+    fn new(round: &MatchRound, survey: &Survey) -> Self {
+        let name = |photo: u32| survey.photos[photo as usize].name.clone();
+        let count = |test: fn(&PairReport) -> bool| round.pairs.iter().filter(|pair| test(pair)).count();
+        Self {
+            pairs_expected: round.pairs.len(),
+            pairs_kept: count(|pair| pair.kept),
+            pairs_widened: count(|pair| pair.widened),
+            doubtful: round
+                .pairs
+                .iter()
+                .filter(|pair| pair.is_doubtful())
+                .map(|pair| (name(pair.first), name(pair.second)))
+                .collect(),
+            matches: round.tracks.iter().map(|track| track.others.len()).sum(),
+            points: round.tracks.len(),
+        }
+    }
+}
+
+/// What all pose stages share.
+pub struct Solver<'a> {
+    survey: &'a Survey,
+    profile: Profile<f64>,
+    tags: Vec<TagPrior>,
+    options: SolveOptions,
+}
+
+impl<'a> Solver<'a> {
+    /// Prepares a survey.
+    ///
+    /// # Errors
+    /// If the survey's section cannot be built.
+    pub fn new(survey: &'a Survey, options: SolveOptions) -> Result<Self> {
+        let profile = survey.config.profile.build().context("survey.toml: [tunnel]")?;
+        let tags = survey.photos.iter().map(|photo| TagPrior::from_tag(&photo.tag)).collect();
+        Ok(Self { survey, profile, tags, options })
+    }
+
+    /// Poses from the tags, and the section's size from the ranges.
+    pub fn prior(&self) -> PriorStage {
+        let config = &self.survey.config;
+        let range_m = config.sigma.range_m;
+        PriorStage {
+            poses: prior_poses(&self.tags, &config.rig, &self.profile, range_m),
+            size: estimate_size(&self.tags, &self.profile, range_m),
+        }
+    }
+
+    /// The coarse round: photos found within the tags' uncertainty, then a first adjustment.
+    ///
+    /// # Errors
+    /// If the normal equations cannot be solved.
+    pub fn coarse(&self, prior: &PriorStage, progress: &StageProgress) -> Result<CoarseStage> {
+        let sigma = &self.survey.config.sigma;
+        let rotation = sigma.shaft_rad.hypot(sigma.attitude_rad).hypot(sigma.mount_rad);
+        // The section position rests on two or three ranges; along the axis neighbours are an odometer step apart.
+        let position = 1.5 * sigma.range_m;
+        let sigmas = vec![[position, rotation]; prior.poses.len()];
+        let config = MatchConfig::wide(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
+        let (round, losses) = self.round(&prior.poses, &sigmas, &config, progress);
+        let mut points = self.points_on_wall(&round.tracks, &prior.poses);
+        let mount = self.survey.config.rig.mount_rotvec_rad;
+        let weights = Weights { pixel_px: COARSE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
+        let shared = Shared { mount_rotvec: Vector3::from(mount), odometer_scale: 0.0 };
+        let adjusted = {
+            let problem = self.problem(&prior.poses, &points, shared);
+            let adjusted = adjust(&problem, &weights)?;
+            move_points(&mut points, &adjusted);
+            adjusted
+        };
+        let problem = self.problem(&adjusted.poses, &points, adjusted.shared);
+        let sigmas = pose_sigmas(&problem, &weights, &adjusted)?;
+        let worst = |values: [f64; 3]| values.into_iter().fold(0.0, f64::max);
+        Ok(CoarseStage {
+            poses: adjusted.poses,
+            sigmas: sigmas.iter().map(|sigma| [worst(sigma.position_m), worst(sigma.rotation_rad)]).collect(),
+            shared: (adjusted.shared.mount_rotvec.into(), adjusted.shared.odometer_scale),
+            round: RoundSummary::new(&round, self.survey),
+            adjustment: adjusted.report,
+            losses,
+        })
+    }
+
+    /// The fine round, at the photos' own resolution.
+    pub fn fine(&self, coarse: &CoarseStage, progress: &StageProgress) -> MatchStage {
+        let config = MatchConfig::fine(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
+        // What all photos share (the roll gauge, the frame) moves no match: the coarse round's own window suffices.
+        let step_m = config.grid_m;
+        let sigmas: Vec<[f64; 2]> = coarse.sigmas.iter().map(|[position, _]| [position.min(step_m), 0.0]).collect();
+        let (round, _) = self.round(&coarse.poses, &sigmas, &config, progress);
+        let points = self.points_on_wall(&round.tracks, &coarse.poses);
+        let tracks = points.into_iter().map(|point| track_of(&point, 0.0)).collect();
+        MatchStage { tracks, round: RoundSummary::new(&round, self.survey) }
+    }
+
+    /// Adjustment, pruning, adjustment.
+    ///
+    /// # Errors
+    /// If the normal equations cannot be solved or a mask cannot be read.
+    pub fn adjust(&self, coarse: &CoarseStage, matches: &MatchStage) -> Result<AdjustStage> {
+        let camera = &self.survey.config.camera.camera;
+        let mut points: Vec<Point> = matches.tracks.iter().map(point_of).collect();
+        let weights = Weights { pixel_px: FINE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
+        let shared = Shared { mount_rotvec: Vector3::from(coarse.shared.0), odometer_scale: coarse.shared.1 };
+        let first = adjust(&self.problem(&coarse.poses, &points, shared), &weights)?;
+        move_points(&mut points, &first);
+        // The matches' noise is what the first adjustment leaves (median of a two-dimensional normal: 1.18 sigma).
+        let measured_px = first.report.median_after_px / 1.18;
+        let weights = Weights { pixel_px: measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX), ..weights };
+        let pruning = self.pruning();
+        let masks = if pruning.mask { self.masks()? } else { Vec::new() };
+        let pruned = prune(&mut points, &first.poses, camera, &self.profile, &masks, &pruning);
+        let last = adjust(&self.problem(&first.poses, &points, first.shared), &weights)?;
+        move_points(&mut points, &last);
+        let problem = self.problem(&last.poses, &points, last.shared);
+        let sigmas = pose_sigmas(&problem, &weights, &last)?;
+        let registered = registered(&points, last.poses.len());
+        let poses = self.survey.photos.iter().enumerate().map(|(index, photo)| PhotoPose {
+            photo: photo.name.clone(),
+            tunnel_from_cam: last.poses[index],
+            position_sigma_m: sigmas[index].position_m,
+            rotation_sigma_rad: sigmas[index].rotation_rad,
+            status: if registered[index] { PoseStatus::Adjusted } else { PoseStatus::PriorOnly },
+        });
+        let poses = poses.collect();
+        let tracks = points.iter().map(|point| track_of(point, error_px(&problem, point))).collect();
+        let profile = self.survey.config.profile.clone();
+        Ok(AdjustStage {
+            reconstruction: Reconstruction { poses, tracks, camera: *camera, profile },
+            mount_rotvec_rad: last.shared.mount_rotvec.into(),
+            odometer_scale: last.shared.odometer_scale,
+            first: first.report,
+            last: last.report,
+            pruned,
+        })
+    }
+
+    fn pruning(&self) -> Pruning {
+        let (low, high) = self.profile.bounds();
+        let across_m = (high - low).min();
+        Pruning {
+            mask: self.options.prune_mask,
+            // A fifth of the radius: pipes, brackets and bulges are wall; what floats farther inside is not.
+            off_surface_m: self.options.prune_surface.then_some(0.1 * across_m),
+            reprojection_px: self.options.prune_reprojection.then_some(4.0 * FINE_MATCH_PX),
+        }
+    }
+
+    fn masks(&self) -> Result<Vec<Option<Mask>>> {
+        (0..self.survey.photos.len()).map(|photo| Ok(photo_mask(self.survey, photo)?)).collect()
+    }
+
+    fn problem<'b>(&'b self, poses: &[Isometry3<f64>], points: &[Point], shared: Shared) -> Problem<'b> {
+        let config = &self.survey.config;
+        Problem {
+            camera: &config.camera.camera,
+            profile: &self.profile,
+            rig: &config.rig,
+            sigma: config.sigma,
+            tags: &self.tags,
+            poses: poses.to_vec(),
+            points: points.to_vec(),
+            shared,
+        }
+    }
+
+    fn round(
+        &self,
+        poses: &[Isometry3<f64>],
+        sigmas: &[[f64; 2]],
+        config: &MatchConfig,
+        progress: &StageProgress,
+    ) -> (MatchRound, Vec<Loss>) {
+        let views: Vec<ViewPose> = poses
+            .iter()
+            .zip(sigmas)
+            .map(|(pose, &[position_sigma_m, rotation_sigma_rad])| ViewPose {
+                tunnel_from_cam: *pose,
+                position_sigma_m,
+                rotation_sigma_rad,
+            })
+            .collect();
+        let photos = SurveyPhotos::new(self.survey, self.options.prune_mask);
+        let camera = &self.survey.config.camera.camera;
+        let round = match_round(&self.profile, camera, &views, &photos, config, &|done| progress.set(done));
+        let name = |photo: usize| self.survey.photos[photo].path.display().to_string();
+        let losses = photos.faults().into_iter().map(|(photo, why)| Loss::new(name(photo), why)).collect();
+        (round, losses)
+    }
+
+    /// Star tracks as points, placed where the reference pixel's ray meets the nominal wall.
+    fn points_on_wall(&self, tracks: &[StarTrack], poses: &[Isometry3<f64>]) -> Vec<Point> {
+        let camera = &self.survey.config.camera.camera;
+        let place = |track: &StarTrack| -> Option<Point> {
+            let pose = &poses[track.reference.photo as usize];
+            let direction = pose.rotation * camera.unproject(&Vector2::from(track.reference.pixel))?;
+            let centre = pose.translation.vector;
+            let hit = self.profile.ray_cast(centre.yz(), direction.yz())?;
+            let position = Point3::from(centre + direction * hit.distance);
+            let mut observations: BTreeMap<u32, Vector2<f64>> =
+                track.others.iter().map(|found| (found.sighting.photo, found.sighting.pixel.into())).collect();
+            observations.insert(track.reference.photo, track.reference.pixel.into());
+            let observations =
+                observations.into_iter().map(|(photo, pixel)| Observation { photo: photo as usize, pixel }).collect();
+            Some(Point { position, observations })
+        };
+        tracks.iter().filter_map(place).collect()
+    }
+}
+
+fn move_points(points: &mut [Point], adjusted: &Adjusted) {
+    for (point, position) in points.iter_mut().zip(&adjusted.points) {
+        point.position = *position;
+    }
+}
+
+fn track_of(point: &Point, error_px: f64) -> Track {
+    let sighting = |seen: &Observation| Sighting { photo: seen.photo as u32, pixel: seen.pixel.into() };
+    Track { position: point.position, sightings: point.observations.iter().map(sighting).collect(), error_px }
+}
+
+fn point_of(track: &Track) -> Point {
+    let observation =
+        |seen: &Sighting| Observation { photo: seen.photo as usize, pixel: Vector2::from(seen.pixel) };
+    Point { position: track.position, observations: track.sightings.iter().map(observation).collect() }
+}
+
+/// Root mean square reprojection error of a point.
+fn error_px(problem: &Problem<'_>, point: &Point) -> f64 {
+    let squared = point.observations.iter().map(|seen| {
+        let in_cam = problem.poses[seen.photo].inverse_transform_point(&point.position).coords;
+        problem.camera.project(&in_cam).map_or(0.0, |pixel| (pixel - seen.pixel).norm_squared())
+    });
+    (squared.sum::<f64>() / point.observations.len().max(1) as f64).sqrt()
+}
+
+/// Which photos hang together with the largest group, by enough sightings of shared points.
+fn registered(points: &[Point], photos: usize) -> Vec<bool> {
+    let mut group: Vec<usize> = (0..photos).collect();
+    let mut shared: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+    for point in points {
+        for (index, one) in point.observations.iter().enumerate() {
+            for other in &point.observations[index + 1..] {
+                *shared.entry((one.photo, other.photo)).or_default() += 1;
+            }
+        }
+    }
+    fn root(group: &mut [usize], mut photo: usize) -> usize {
+        while group[photo] != photo {
+            group[photo] = group[group[photo]];
+            photo = group[photo];
+        }
+        photo
+    }
+    for ((one, other), count) in shared {
+        if count >= LEAST_SIGHTINGS {
+            let (one, other) = (root(&mut group, one), root(&mut group, other));
+            group[one] = other;
+        }
+    }
+    let mut sizes: BTreeMap<usize, usize> = BTreeMap::new();
+    for photo in 0..photos {
+        *sizes.entry(root(&mut group, photo)).or_default() += 1;
+    }
+    let largest = sizes.iter().max_by_key(|(_, size)| **size).filter(|(_, size)| **size > 1).map(|(group, _)| *group);
+    (0..photos).map(|photo| Some(root(&mut group, photo)) == largest).collect()
+}
