@@ -1,6 +1,7 @@
 //! From a survey folder to `out/`: stages in a row, each stored, so that a killed run goes on where it was.
 
 mod checkpoint;
+mod groups;
 mod photos;
 mod progress;
 mod solve;
@@ -9,11 +10,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 pub use checkpoint::{Checkpoints, Key, write_whole};
 pub use progress::{StageProgress, Verbosity};
 pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver};
 
+use crate::poses::PoseStatus;
 use crate::survey::{self, Loss, Survey};
 
 /// The stages in order.
@@ -53,4 +56,188 @@ pub struct ReconstructOptions {
     pub solve: SolveOptions,
     /// Bars and lines on standard error.
     pub verbosity: Verbosity,
+}
+
+/// What became of a stage.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageReport {
+    /// The stage.
+    pub stage: Stage,
+    /// Wall-clock time; `None` if an earlier run's result was kept.
+    pub seconds: Option<f64>,
+    /// What was measured.
+    pub figures: serde_json::Value,
+}
+
+/// What a run of [`reconstruct`] leaves for the command line; everything else is in `out/`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Photos with a tag.
+    pub photos: usize,
+    /// Photos whose pose the matches hold; `None` before the adjustment.
+    pub registered: Option<usize>,
+    /// Figures of every stage that was run or kept.
+    pub stages: Vec<StageReport>,
+    /// Everything that could not be used.
+    pub losses: Vec<Loss>,
+}
+
+/// Reconstructs a survey.
+///
+/// # Errors
+/// If the survey cannot be used, the output cannot be written, or nothing is left to adjust. What stages finished before
+/// stays and is used by the next run.
+pub fn reconstruct(options: &ReconstructOptions) -> Result<Summary> {
+    let survey = survey::load(&options.survey)?;
+    if survey.photos.is_empty() {
+        bail!("{}: no photo has a tag, so there is nothing to reconstruct", options.survey.display());
+    }
+    let checkpoints = Checkpoints::open(&options.out, options.fresh)?;
+    let mut run = Run {
+        options,
+        checkpoints,
+        summary: Summary {
+            photos: survey.photos.len(),
+            registered: None,
+            stages: Vec::new(),
+            losses: survey.losses.clone(),
+        },
+    };
+    run.stages(&survey)?;
+    Ok(run.summary)
+}
+
+struct Run<'a> {
+    options: &'a ReconstructOptions,
+    checkpoints: Checkpoints,
+    summary: Summary,
+}
+
+impl Run<'_> {
+    fn stages(&mut self, survey: &Survey) -> Result<()> {
+        let photos = survey.photos.len();
+        let solver = Solver::new(survey, self.options.solve)?;
+        let key = Key::of_survey(survey)?.then("prior", &())?;
+        let prior = self.stage(Stage::Prior, key, photos, |_| Ok(solver.prior()), say_prior)?;
+        if self.ends_with(Stage::Prior) {
+            return Ok(());
+        }
+        let key = key.then("coarse", &self.options.solve)?;
+        let coarse = self.stage(Stage::Coarse, key, photos, |progress| solver.coarse(&prior, progress), say_coarse)?;
+        self.summary.losses.extend(coarse.losses.iter().cloned());
+        if self.ends_with(Stage::Coarse) {
+            return Ok(());
+        }
+        let key = key.then("match", &())?;
+        let matches =
+            self.stage(Stage::Match, key, photos, |progress| Ok(solver.fine(&coarse, progress)), say_match)?;
+        if self.ends_with(Stage::Match) {
+            return Ok(());
+        }
+        let key = key.then("adjust", &())?;
+        let adjusted = self.stage(Stage::Adjust, key, photos, |_| solver.adjust(&coarse, &matches), say_adjust)?;
+        let poses = &adjusted.reconstruction.poses;
+        self.summary.registered = Some(poses.iter().filter(|pose| pose.status == PoseStatus::Adjusted).count());
+        Ok(())
+    }
+
+    fn ends_with(&self, stage: Stage) -> bool {
+        self.options.stop_after == Some(stage)
+    }
+
+    /// Runs a stage, or takes what an earlier run left of it.
+    fn stage<T: Serialize + serde::de::DeserializeOwned>(
+        &mut self,
+        stage: Stage,
+        key: Key,
+        total: usize,
+        compute: impl FnOnce(&StageProgress) -> Result<T>,
+        say: fn(&T) -> (String, serde_json::Value),
+    ) -> Result<T> {
+        let name = stage.name();
+        let progress = StageProgress::start(self.options.verbosity, name, total);
+        if let Some(kept) = self.checkpoints.load::<T>(name, key) {
+            let (line, figures) = say(&kept);
+            progress.finish(&format!("{line}, kept from an earlier run"));
+            self.summary.stages.push(StageReport { stage, seconds: None, figures });
+            return Ok(kept);
+        }
+        let result = compute(&progress).with_context(|| format!("stage {name} failed"))?;
+        self.checkpoints.store(name, key, &result)?;
+        let (line, figures) = say(&result);
+        let seconds = progress.finish(&line).as_secs_f64();
+        self.summary.stages.push(StageReport { stage, seconds: Some(seconds), figures });
+        Ok(result)
+    }
+}
+
+impl Stage {
+    /// The stage's name on the command line, on disk and on screen.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Prior => "prior",
+            Self::Coarse => "coarse",
+            Self::Match => "match",
+            Self::Adjust => "adjust",
+            Self::Texture => "texture",
+            Self::Model => "model",
+            Self::Report => "report",
+        }
+    }
+}
+
+fn say_prior(stage: &PriorStage) -> (String, serde_json::Value) {
+    let size = match &stage.size {
+        None => "too few ranges to check the section's size".to_owned(),
+        Some(size) => {
+            let warning = if size.contradicts_nominal() { "; CHECK survey.toml" } else { "" };
+            let percent = (size.factor - 1.0) * 100.0;
+            format!("ranges give {percent:+.2} % +- {:.2} % of the nominal section{warning}", size.sigma * 100.0)
+        }
+    };
+    (format!("{} photos; {size}", stage.poses.len()), json!({ "size": stage.size }))
+}
+
+fn say_round(round: &RoundSummary) -> String {
+    let doubtful = match round.doubtful.len() {
+        0 => String::new(),
+        count => format!(", {count} doubtful"),
+    };
+    format!("{} matches in {} of {} pairs{doubtful}", round.matches, round.pairs_kept, round.pairs_expected)
+}
+
+fn say_coarse(stage: &CoarseStage) -> (String, serde_json::Value) {
+    let report = &stage.adjustment;
+    let line = format!(
+        "{}; error {:.1} -> {:.2} px",
+        say_round(&stage.round),
+        report.median_before_px,
+        report.median_after_px
+    );
+    (line, json!({ "round": stage.round, "adjustment": report }))
+}
+
+fn say_match(stage: &MatchStage) -> (String, serde_json::Value) {
+    (say_round(&stage.round), json!({ "round": stage.round }))
+}
+
+fn say_adjust(stage: &AdjustStage) -> (String, serde_json::Value) {
+    let poses = &stage.reconstruction.poses;
+    let registered = poses.iter().filter(|pose| pose.status == PoseStatus::Adjusted).count();
+    let line = format!(
+        "{registered} of {} photos registered, {} points, error {:.2} -> {:.3} px (median)",
+        poses.len(),
+        stage.last.points,
+        stage.first.median_before_px,
+        stage.last.median_after_px
+    );
+    let figures = json!({
+        "registered": registered,
+        "mount_deg": stage.mount_rotvec_rad.map(f64::to_degrees),
+        "odometer_scale": stage.odometer_scale,
+        "before_pruning": stage.first,
+        "after_pruning": stage.last,
+        "pruned": stage.pruned,
+    });
+    (line, figures)
 }

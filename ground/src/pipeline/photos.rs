@@ -7,7 +7,7 @@ use crate::raster::Mask;
 use crate::survey::{Size, Survey, decode_grey, load_mask};
 
 /// Decodes the survey's photos; those that fail are left out of the matching and named by [`Self::faults`].
-pub struct SurveyPhotos<'a> {
+pub(super) struct SurveyPhotos<'a> {
     survey: &'a Survey,
     use_masks: bool,
     faults: std::sync::Mutex<Vec<(usize, String)>>,
@@ -15,12 +15,12 @@ pub struct SurveyPhotos<'a> {
 
 impl<'a> SurveyPhotos<'a> {
     /// Photos of `survey`; without masks if P1 is switched off.
-    pub fn new(survey: &'a Survey, use_masks: bool) -> Self {
+    pub(super) fn new(survey: &'a Survey, use_masks: bool) -> Self {
         Self { survey, use_masks, faults: std::sync::Mutex::default() }
     }
 
     /// The photos that could not be decoded, with the reason, in order.
-    pub fn faults(self) -> Vec<(usize, String)> {
+    pub(super) fn faults(self) -> Vec<(usize, String)> {
         let mut faults = self.faults.into_inner().unwrap_or_default();
         faults.sort();
         faults
@@ -45,7 +45,7 @@ impl Photos for SurveyPhotos<'_> {
 }
 
 /// The size that every photo and mask of the survey must have.
-pub fn size_of(survey: &Survey) -> Size {
+pub(super) fn size_of(survey: &Survey) -> Size {
     let camera = &survey.config.camera.camera;
     Size { width_px: camera.width_px, height_px: camera.height_px }
 }
@@ -54,7 +54,7 @@ pub fn size_of(survey: &Survey) -> Size {
 ///
 /// # Errors
 /// If the mask cannot be read or has another size.
-pub fn photo_mask(survey: &Survey, index: usize) -> Result<Option<Mask>, crate::survey::MaskError> {
+pub(super) fn photo_mask(survey: &Survey, index: usize) -> Result<Option<Mask>, crate::survey::MaskError> {
     let Some(path) = survey.photos.get(index).and_then(|photo| photo.mask.as_ref()) else { return Ok(None) };
     load_mask(path, size_of(survey)).map(Some)
 }

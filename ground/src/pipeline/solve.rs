@@ -7,10 +7,12 @@ use anyhow::{Context, Result};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::groups::registered;
 use super::photos::{SurveyPhotos, photo_mask};
 use super::progress::StageProgress;
 use crate::adjust::{
-    AdjustReport, Adjusted, Observation, Point, Problem, PruneCounts, Pruning, Shared, Weights, adjust, pose_sigmas, prune,
+    AdjustReport, Adjusted, Observation, Point, Problem, PruneCounts, Pruning, Shared, Weights, adjust, pose_sigmas,
+    prune,
 };
 use crate::matching::{MatchConfig, MatchRound, PairReport, StarTrack, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction, Sighting, Track};
@@ -18,8 +20,6 @@ use crate::prior::{SizeEstimate, TagPrior, estimate_size, prior_poses};
 use crate::raster::Mask;
 use crate::survey::{Loss, Survey};
 
-/// A photo with fewer surviving sightings is not held by the photos but by its tag.
-const LEAST_SIGHTINGS: usize = 15;
 /// One standard deviation of a match in the coarse round, pixels of the photo.
 const COARSE_MATCH_PX: f64 = 0.8;
 /// One standard deviation of a match in the fine round, pixels of the photo.
@@ -341,8 +341,7 @@ fn track_of(point: &Point, error_px: f64) -> Track {
 }
 
 fn point_of(track: &Track) -> Point {
-    let observation =
-        |seen: &Sighting| Observation { photo: seen.photo as usize, pixel: Vector2::from(seen.pixel) };
+    let observation = |seen: &Sighting| Observation { photo: seen.photo as usize, pixel: Vector2::from(seen.pixel) };
     Point { position: track.position, observations: track.sightings.iter().map(observation).collect() }
 }
 
@@ -353,36 +352,4 @@ fn error_px(problem: &Problem<'_>, point: &Point) -> f64 {
         problem.camera.project(&in_cam).map_or(0.0, |pixel| (pixel - seen.pixel).norm_squared())
     });
     (squared.sum::<f64>() / point.observations.len().max(1) as f64).sqrt()
-}
-
-/// Which photos hang together with the largest group, by enough sightings of shared points.
-fn registered(points: &[Point], photos: usize) -> Vec<bool> {
-    let mut group: Vec<usize> = (0..photos).collect();
-    let mut shared: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    for point in points {
-        for (index, one) in point.observations.iter().enumerate() {
-            for other in &point.observations[index + 1..] {
-                *shared.entry((one.photo, other.photo)).or_default() += 1;
-            }
-        }
-    }
-    fn root(group: &mut [usize], mut photo: usize) -> usize {
-        while group[photo] != photo {
-            group[photo] = group[group[photo]];
-            photo = group[photo];
-        }
-        photo
-    }
-    for ((one, other), count) in shared {
-        if count >= LEAST_SIGHTINGS {
-            let (one, other) = (root(&mut group, one), root(&mut group, other));
-            group[one] = other;
-        }
-    }
-    let mut sizes: BTreeMap<usize, usize> = BTreeMap::new();
-    for photo in 0..photos {
-        *sizes.entry(root(&mut group, photo)).or_default() += 1;
-    }
-    let largest = sizes.iter().max_by_key(|(_, size)| **size).filter(|(_, size)| **size > 1).map(|(group, _)| *group);
-    (0..photos).map(|photo| Some(root(&mut group, photo)) == largest).collect()
 }
