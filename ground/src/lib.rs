@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod adjust;
+pub mod evaluate;
 pub mod matching;
 pub mod pipeline;
 pub mod poses;

@@ -1,9 +1,13 @@
 //! The result of the adjustment: where every photo was taken.
 
+mod file;
+
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::ProfileSpec;
 use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
+
+pub use file::{PosesError, read_poses, write_poses};
 
 /// How a pose was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -36,7 +36,7 @@ pub enum SurveyError {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
-        source: Box<toml::de::Error>,
+        source: adit_protocol::mission::MissionError,
     },
     /// tags.csv is wrong.
     #[error(transparent)]

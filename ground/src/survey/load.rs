@@ -45,8 +45,7 @@ pub fn load(folder: &Path) -> Result<Survey, SurveyError> {
 
 fn load_config(path: &Path) -> Result<SurveyConfig, SurveyError> {
     let text = fs::read_to_string(path).map_err(|source| SurveyError::Io { path: path.to_owned(), source })?;
-    super::config::parse(&text)
-        .map_err(|source| SurveyError::Config { path: path.to_owned(), source: Box::new(source) })
+    SurveyConfig::from_toml(&text).map_err(|source| SurveyError::Config { path: path.to_owned(), source })
 }
 
 /// Puts rows in order of capture and says so if they were not.

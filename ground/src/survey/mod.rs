@@ -4,7 +4,6 @@
 //! cannot be used is a named [`Loss`] and the rest goes on. Pixels come from [`decode_rgb`], [`decode_luma`] and
 //! [`load_mask`], one photo at a time.
 
-mod config;
 mod error;
 mod jpeg;
 mod load;

@@ -1,0 +1,102 @@
+//! Of the wall that some photo saw, how much is coloured in the panorama?
+
+use adit_geometry::profile::Profile;
+use nalgebra::{Isometry3, Point3, Vector2};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::wall_image::WallImage;
+use crate::poses::PhotoPose;
+use crate::raster::Mask;
+use crate::survey::{MaskError, Photo, Size, Survey, load_mask};
+
+/// Edge of a wall cell.
+const CELL_M: f64 = 0.05;
+/// A wall point hidden by less than this (the wall's own curvature on the way to it) counts as visible.
+const HIDDEN_M: f64 = 0.01;
+
+/// Coverage by the true poses, in cells of 5 cm, judged at their centres.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CoverageEvaluation {
+    /// Cells on the stretch of the wall that the panorama spans.
+    pub cells: usize,
+    /// Of these, seen by at least one photo outside its mask.
+    pub seen: usize,
+    /// Of the seen ones, coloured.
+    pub coloured: usize,
+    /// `coloured / seen` in percent.
+    pub coloured_percent: f64,
+}
+
+/// Counts seen and coloured cells.
+pub(super) fn measure_coverage(
+    survey: &Survey,
+    profile: &Profile<f64>,
+    truth: &[PhotoPose],
+    panorama: &WallImage,
+) -> Result<CoverageEvaluation, MaskError> {
+    let cells = cells(profile, panorama);
+    let seen = truth
+        .par_iter()
+        .filter_map(|pose| {
+            let photo = survey.photos.iter().find(|photo| photo.name == pose.photo)?;
+            Some(cells_seen(survey, profile, photo, &pose.tunnel_from_cam, &cells))
+        })
+        .try_reduce(|| vec![false; cells.len()], |a, b| Ok(a.into_iter().zip(b).map(|(a, b)| a || b).collect()))?;
+    let seen_cells: Vec<&Cell> = cells.iter().zip(&seen).filter(|(_, seen)| **seen).map(|(cell, _)| cell).collect();
+    let coloured = seen_cells.iter().filter(|cell| panorama.covers(cell.s_m, cell.point.x)).count();
+    Ok(CoverageEvaluation {
+        cells: cells.len(),
+        seen: seen_cells.len(),
+        coloured,
+        coloured_percent: 100.0 * coloured as f64 / seen_cells.len().max(1) as f64,
+    })
+}
+
+struct Cell {
+    s_m: f64,
+    point: Point3<f64>,
+}
+
+fn cells(profile: &Profile<f64>, panorama: &WallImage) -> Vec<Cell> {
+    let grid = &panorama.grid;
+    let around = (profile.perimeter_m() / CELL_M) as usize;
+    let along = (grid.height_px as f64 * grid.mm_per_px / 1000.0 / CELL_M) as usize;
+    let mut cells = Vec::with_capacity(around * along);
+    for column in 0..around {
+        let s_m = (column as f64 + 0.5) * CELL_M;
+        let Some(surface) = profile.at(s_m) else { continue };
+        for row in 0..along {
+            let x_m = grid.x0_m + (row as f64 + 0.5) * CELL_M;
+            cells.push(Cell { s_m, point: Point3::new(x_m, surface.point.x, surface.point.y) });
+        }
+    }
+    cells
+}
+
+fn cells_seen(
+    survey: &Survey,
+    profile: &Profile<f64>,
+    photo: &Photo,
+    tunnel_from_cam: &Isometry3<f64>,
+    cells: &[Cell],
+) -> Result<Vec<bool>, MaskError> {
+    let camera = &survey.config.camera.camera;
+    let size = Size { width_px: camera.width_px, height_px: camera.height_px };
+    let mask: Option<Mask> = photo.mask.as_ref().map(|path| load_mask(path, size)).transpose()?;
+    let cam_from_tunnel = tunnel_from_cam.inverse();
+    let centre = tunnel_from_cam.translation.vector.yz();
+    let visible = |cell: &Cell| {
+        let Some(pixel) = camera.project(&(cam_from_tunnel * cell.point).coords) else { return false };
+        camera.contains(&pixel, 0.5)
+            && mask.as_ref().is_none_or(|mask| mask.at(pixel.x as usize, pixel.y as usize) != [0])
+            && !hidden(profile, centre, cell.point.yz().coords)
+    };
+    Ok(cells.iter().map(visible).collect())
+}
+
+/// Tells whether another part of the wall stands between.
+fn hidden(profile: &Profile<f64>, centre: Vector2<f64>, point: Vector2<f64>) -> bool {
+    let towards = point - centre;
+    profile.ray_cast(centre, towards).is_some_and(|hit| (1.0 - hit.distance) * towards.norm() > HIDDEN_M)
+}

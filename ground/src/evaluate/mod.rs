@@ -1,0 +1,108 @@
+//! `adit evaluate`: a reconstruction against the truth of a synthetic survey.
+
+mod align;
+mod coverage;
+mod poses;
+mod shift;
+mod table;
+mod wall_image;
+
+use std::path::{Path, PathBuf};
+
+use adit_geometry::profile::ProfileError;
+use serde::Serialize;
+
+pub use coverage::CoverageEvaluation;
+pub use poses::{AlignedErrors, FrameErrors, PoseEvaluation, Spread};
+pub use shift::ShiftEvaluation;
+pub use wall_image::{WallGrid, WallImageError};
+
+use crate::poses::{PosesError, read_poses};
+use crate::survey::{MaskError, SurveyError, load};
+use wall_image::WallImage;
+
+/// Why a reconstruction cannot be evaluated.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluateError {
+    /// No truth.
+    #[error("{}: not there; only a synthetic survey has a truth to compare with", path.display())]
+    NoTruth {
+        /// Where truth/poses.csv should be.
+        path: PathBuf,
+    },
+    /// No result.
+    #[error("{}: not there; run `adit reconstruct` first, or name its output folder with --out", path.display())]
+    NoResult {
+        /// Where poses.csv should be.
+        path: PathBuf,
+    },
+    /// The survey cannot be read.
+    #[error(transparent)]
+    Survey(#[from] SurveyError),
+    /// Poses cannot be read.
+    #[error(transparent)]
+    Poses(#[from] PosesError),
+    /// Panorama or texture cannot be read.
+    #[error(transparent)]
+    WallImage(#[from] WallImageError),
+    /// A mask cannot be read.
+    #[error(transparent)]
+    Mask(#[from] MaskError),
+    /// The profile of survey.toml cannot be built.
+    #[error("survey.toml, [tunnel]")]
+    Profile(#[from] ProfileError),
+}
+
+/// A reconstruction against the truth.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// The survey folder.
+    pub survey: PathBuf,
+    /// The reconstruction's folder.
+    pub out: PathBuf,
+    /// Poses against truth/poses.csv.
+    pub poses: PoseEvaluation,
+    /// Panorama against truth/texture; absent if either is.
+    pub panorama: Option<ShiftEvaluation>,
+    /// Colour where a photo saw the wall; absent without a panorama.
+    pub coverage: Option<CoverageEvaluation>,
+    /// What could not be compared, and why.
+    pub notes: Vec<String>,
+}
+
+/// Compares the reconstruction in `out` with the truth in `survey/truth`.
+///
+/// # Errors
+/// [`EvaluateError`] if there is no truth or no result, or if a file cannot be read.
+pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, EvaluateError> {
+    let truth_folder = survey_folder.join("truth");
+    let truth_path = truth_folder.join("poses.csv");
+    if !truth_path.is_file() {
+        return Err(EvaluateError::NoTruth { path: truth_path });
+    }
+    let poses_path = out.join("poses.csv");
+    if !poses_path.is_file() {
+        return Err(EvaluateError::NoResult { path: poses_path });
+    }
+    let truth = read_poses(&truth_path)?;
+    let poses = poses::compare_poses(&read_poses(&poses_path)?, &truth);
+    let mut notes = Vec::new();
+    let panorama = WallImage::read(&out.join("panorama"), "panorama")?;
+    let texture = WallImage::read(&truth_folder, "texture")?;
+    if panorama.is_none() {
+        notes.push(format!("no panorama: {} has no panorama.png with panorama.json", out.join("panorama").display()));
+    }
+    if texture.is_none() {
+        notes.push(format!("no true texture: {} has no texture.jpg with texture.json", truth_folder.display()));
+    }
+    let shift = panorama.as_ref().zip(texture.as_ref()).map(|(ours, theirs)| shift::measure_shift(ours, theirs));
+    let coverage = match &panorama {
+        Some(panorama) => {
+            let survey = load(survey_folder)?;
+            let profile = survey.config.profile.build()?;
+            Some(coverage::measure_coverage(&survey, &profile, &truth, panorama)?)
+        }
+        None => None,
+    };
+    Ok(Evaluation { survey: survey_folder.to_owned(), out: out.to_owned(), poses, panorama: shift, coverage, notes })
+}

@@ -1,0 +1,74 @@
+//! The evaluation as a table for people.
+
+use std::fmt;
+
+use super::{Evaluation, FrameErrors, Spread};
+
+/// At most so many names of photos are listed.
+const LISTED: usize = 10;
+
+impl fmt::Display for Evaluation {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let poses = &self.poses;
+        writeln!(out, "registered photos   {} of {}", poses.registered, poses.photos)?;
+        for (label, names) in
+            [("  prior only", &poses.prior_only), ("  missing", &poses.missing), ("  unknown", &poses.unknown)]
+        {
+            if !names.is_empty() {
+                writeln!(out, "{label:<20}{}", shorten(names))?;
+            }
+        }
+        writeln!(out, "{:<20}{:>10}{:>10}{:>10}", "", "RMSE", "median", "max")?;
+        if let Some(aligned) = &poses.aligned {
+            frame(out, "aligned", &aligned.errors)?;
+            writeln!(out, "{:<20}{:>+10.4} %", "  scale error", aligned.scale_error_percent)?;
+        } else {
+            writeln!(out, "aligned             not determined (fewer than three photos, or all on a line)")?;
+        }
+        if let Some(absolute) = &poses.absolute {
+            frame(out, "absolute", absolute)?;
+        }
+        if let Some(shift) = &self.panorama {
+            writeln!(
+                out,
+                "panorama            {} of {} patches of 1 m found in the true texture",
+                shift.matched, shift.patches
+            )?;
+            line(out, "  shift", &shift.absolute_mm, "mm", 2)?;
+            line(out, "  without common", &shift.relative_mm, "mm", 2)?;
+            writeln!(
+                out,
+                "{:<20}{:>+10.2} mm around, {:+.2} mm along",
+                "  common offset", shift.common_s_mm, shift.common_x_mm
+            )?;
+        }
+        if let Some(coverage) = &self.coverage {
+            writeln!(
+                out,
+                "coloured            {:.2} % of {} wall cells (5 cm) that a photo saw",
+                coverage.coloured_percent, coverage.seen
+            )?;
+        }
+        for note in &self.notes {
+            writeln!(out, "note: {note}")?;
+        }
+        Ok(())
+    }
+}
+
+fn frame(out: &mut fmt::Formatter<'_>, label: &str, errors: &FrameErrors) -> fmt::Result {
+    line(out, &format!("{label} position"), &errors.position_mm, "mm", 3)?;
+    line(out, &format!("{label} rotation"), &errors.rotation_deg, "deg", 4)?;
+    writeln!(out, "  worst photo       {}", errors.worst_photo)
+}
+
+fn line(out: &mut fmt::Formatter<'_>, label: &str, spread: &Spread, unit: &str, decimals: usize) -> fmt::Result {
+    let Spread { rmse, median, max } = spread;
+    writeln!(out, "{label:<20}{rmse:>10.decimals$}{median:>10.decimals$}{max:>10.decimals$} {unit}")
+}
+
+fn shorten(names: &[String]) -> String {
+    let listed: Vec<&str> = names.iter().take(LISTED).map(String::as_str).collect();
+    let more = names.len().saturating_sub(LISTED);
+    if more > 0 { format!("{} and {more} more", listed.join(", ")) } else { listed.join(", ") }
+}
