@@ -21,6 +21,8 @@ const LEVELS: usize = 3;
 const MIN_SHARE: f64 = 0.6;
 /// A patch whose best correlation is lower has no match.
 const MIN_CORRELATION: f64 = 0.4;
+/// Places that are followed from the coarsest level; half as many at each finer one.
+const CANDIDATES: usize = 16;
 /// Half width of the high-pass window at each level.
 const HIGH_PASS_PX: usize = 8;
 
@@ -170,33 +172,39 @@ impl Patch {
     }
 
     /// Shift of the panorama against the truth in pixels (column, row).
+    ///
+    /// Rows of bricks repeat every few centimetres and look alike when coarse, so the best few places go down together
+    /// and the finest level decides.
     fn find_shift(&self) -> Option<[f64; 2]> {
-        let mut centre = [0_isize; 2];
-        let mut reach = (self.margin_px >> LEVELS) as isize;
-        for level in (0..=LEVELS).rev() {
-            let best = self.search(level, centre, reach)?;
-            if level == 0 {
-                return self.refine(best);
-            }
-            centre = best.map(|px| px * 2);
-            reach = 2;
+        let reach = (self.margin_px >> LEVELS) as isize;
+        let mut places = self.search(LEVELS, &[[0, 0]], reach, CANDIDATES);
+        for level in (0..LEVELS).rev() {
+            let centres: Vec<[isize; 2]> = places.iter().map(|place| place.map(|px| px * 2)).collect();
+            places = self.search(level, &centres, 1, CANDIDATES >> (LEVELS - level));
         }
-        None
+        self.refine(*places.first()?)
     }
 
-    fn search(&self, level: usize, centre: [isize; 2], reach: isize) -> Option<[isize; 2]> {
-        let mut best = None;
-        for dy in -reach..=reach {
-            for dx in -reach..=reach {
+    /// The best places within `reach` of any of `centres`, best first, none beside a better one.
+    fn search(&self, level: usize, centres: &[[isize; 2]], reach: isize, count: usize) -> Vec<[isize; 2]> {
+        let mut scored = Vec::new();
+        for centre in centres {
+            for (dy, dx) in (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dy, dx))) {
                 let offset = [centre[0] + dx, centre[1] + dy];
-                if let Some(score) = self.correlation(level, offset)
-                    && best.is_none_or(|(top, _)| score > top)
-                {
-                    best = Some((score, offset));
+                if let Some(score) = self.correlation(level, offset) {
+                    scored.push((score, offset));
                 }
             }
         }
-        best.map(|(_, offset)| offset)
+        scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut best: Vec<[isize; 2]> = Vec::new();
+        for (_, offset) in scored {
+            let apart = |other: &[isize; 2]| (other[0] - offset[0]).abs().max((other[1] - offset[1]).abs()) > 1;
+            if best.len() < count.max(1) && best.iter().all(apart) {
+                best.push(offset);
+            }
+        }
+        best
     }
 
     /// Peak of the quadratic through the nine values around the best; oblique peaks need its mixed term.

@@ -1,0 +1,103 @@
+//! The subcommands: arguments in, a call into the library, figures out.
+
+mod evaluate;
+
+use std::io::Write;
+use std::num::NonZeroU16;
+
+use anyhow::{Context, Result};
+use clap::{Args, Parser, Subcommand};
+use serde::Serialize;
+
+/// What a command found out; the exit code says it too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Answer {
+    /// Done, exit code 0.
+    Yes,
+    /// The answer is no, exit code 1.
+    No,
+}
+
+/// Adit: from a flight through a tunnel to the place of every pixel.
+///
+/// A survey's way: `adit plan` before the flight, `adit ingest` and `adit reconstruct` after it, `adit evaluate` where
+/// there is a truth to compare with.
+#[derive(Debug, Parser)]
+#[command(name = "adit", version, after_help = AFTER_HELP, max_term_width = 100)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+const AFTER_HELP: &str = "Units: files and options say theirs in the name (radius_m, shaft_deg, --mm-per-px).\n\
+                          Exit codes: 0 done, 1 the answer is no, 2 could not run.";
+
+/// Options of every command.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct Common {
+    /// Worker threads [default: one per core]
+    #[arg(long, global = true, value_name = "N")]
+    pub(crate) threads: Option<NonZeroU16>,
+    /// Print the figures as JSON on standard output
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+    /// Say more on standard error (twice: details); `RUST_LOG` goes before it
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(crate) verbose: u8,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Evaluate(evaluate::Arguments),
+}
+
+impl Cli {
+    pub(crate) fn run(self) -> Result<Answer> {
+        match self.command {
+            Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),
+        }
+    }
+}
+
+/// Prints figures: as JSON if asked, else as the text they display as.
+fn print(figures: &(impl Serialize + std::fmt::Display), common: &Common) -> Result<()> {
+    let text = if common.json { format!("{}\n", serde_json::to_string_pretty(figures)?) } else { figures.to_string() };
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        // The reader (`head`, a closed pager) has seen enough.
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        written => written.context("cannot write to standard output"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_help_text_is_as_reviewed() {
+        let mut command = Cli::command().term_width(100);
+        command.build();
+        insta::assert_snapshot!("help", command.render_long_help());
+        for sub in command.get_subcommands_mut().filter(|sub| sub.get_name() != "help") {
+            let name = format!("help-{}", sub.get_name());
+            insta::assert_snapshot!(name, sub.render_long_help());
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        assert!(Cli::try_parse_from(["adit", "evaluate", "survey", "--threads", "0"]).is_err());
+        assert!(Cli::try_parse_from(["adit", "evaluate", "survey", "--max-aligned-mm", "-1"]).is_err());
+        assert!(Cli::try_parse_from(["adit", "evaluate", "survey", "--threads", "2", "--json"]).is_ok());
+    }
+}
