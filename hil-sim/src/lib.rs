@@ -6,6 +6,7 @@ pub mod config;
 pub mod faults;
 pub mod flight;
 pub mod plant;
+pub mod render;
 pub mod scene;
 pub mod seed;
 pub mod sensors;
