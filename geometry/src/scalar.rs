@@ -12,6 +12,9 @@ pub trait Real: RealField + Copy {
     /// The scalar nearest to a count. (Never through `f64`, which the board computes in software.)
     fn count(value: u32) -> Self;
 
+    /// The whole part as an index; zero for negative values and NaN.
+    fn to_index(self) -> usize;
+
     /// The value as `f64`, for reports.
     fn to_f64(self) -> f64;
 }
@@ -23,6 +26,10 @@ impl Real for f32 {
 
     fn count(value: u32) -> Self {
         value as Self
+    }
+
+    fn to_index(self) -> usize {
+        self as usize
     }
 
     fn to_f64(self) -> f64 {
@@ -37,6 +44,10 @@ impl Real for f64 {
 
     fn count(value: u32) -> Self {
         Self::from(value)
+    }
+
+    fn to_index(self) -> usize {
+        self as usize
     }
 
     fn to_f64(self) -> f64 {

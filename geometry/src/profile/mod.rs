@@ -141,6 +141,16 @@ impl<T: Real> Profile<T> {
         turns.abs() > T::pi()
     }
 
+    /// Tells whether every wall point is seen from everywhere inside: no piece bulges inwards, no corner turns inwards.
+    pub fn is_convex(&self) -> bool {
+        let slack = T::of(-1e-4);
+        self.pieces.iter().zip(self.pieces.iter().cycle().skip(1)).all(|(piece, next)| {
+            let (_, leaving) = piece.at(piece.length_m());
+            let (_, entering) = next.at(T::zero());
+            piece.bends_outwards() && leaving.perp(&entering) >= slack
+        })
+    }
+
     /// Returns the smallest box `(min, max)` in `[y, z]` that holds the lining.
     pub fn bounds(&self) -> (SectionVector<T>, SectionVector<T>) {
         let mut low = Vector2::repeat(T::of(1e9));

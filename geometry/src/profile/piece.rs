@@ -45,6 +45,14 @@ impl<T: Real> Piece<T> {
         matches!(self.shape, Shape::Line { .. })
     }
 
+    /// Whether the piece is straight or convex seen from inside.
+    pub(super) fn bends_outwards(&self) -> bool {
+        match self.shape {
+            Shape::Line { .. } => true,
+            Shape::Arc { sweep_rad, .. } => sweep_rad > T::zero(),
+        }
+    }
+
     /// Point and inward unit normal at `along_m` from the piece's start.
     pub(super) fn at(&self, along_m: T) -> (SectionVector<T>, SectionVector<T>) {
         match self.shape {
