@@ -1,6 +1,7 @@
 //! The subcommands: arguments in, a call into the library, figures out.
 
 mod evaluate;
+mod reconstruct;
 
 use std::io::Write;
 use std::num::NonZeroU16;
@@ -50,12 +51,14 @@ pub(crate) struct Common {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
 }
 
 impl Cli {
     pub(crate) fn run(self) -> Result<Answer> {
         match self.command {
+            Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),
         }
     }
@@ -70,6 +73,12 @@ fn print(figures: &(impl Serialize + std::fmt::Display), common: &Common) -> Res
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
         written => written.context("cannot write to standard output"),
     }
+}
+
+/// Parses a number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err("expected a number above 0".to_owned()) }
 }
 
 #[cfg(test)]
