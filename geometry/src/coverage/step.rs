@@ -38,7 +38,8 @@ pub struct StepBound<T> {
 /// [`CoverageError::NoViews`] for zero views.
 /// # Numerics
 /// Within 1 % of a brute-force simulation of the same flights, 2 % below where image edges are tilted (tests); at most
-/// 0.25 % above the minimum over 4,000 lines in 600 random flights.
+/// 0.25 % above the minimum over 4,000 lines in 600 random flights. Single precision, 12 images per turn: about 100
+/// microseconds on a desktop host, about a thousand ray-casts' worth; once per image, not in every control tick.
 pub fn max_step<T: Real>(scene: &Scene<'_, T>, views: u8) -> Result<StepBound<T>, CoverageError> {
     if views == 0 {
         return Err(CoverageError::NoViews);
