@@ -75,7 +75,8 @@ fn look(
     let renderer = PhotoRenderer::new(camera, 0.0, wall, paint, &config, 1)?;
     let body = Isometry3::from_parts(Translation3::new(1.0, 0.1, -0.15), attitude(0.02, -0.01, 0.03));
     let still = Shot::still(3, body * rig.body_from_cam(shaft_deg.to_radians()), body);
-    let shot = Shot { angular_velocity_radps: Vector3::new(0.0, 0.2, 0.1), velocity_mps: Vector3::x() * 0.3, ..still };
+    let shot =
+        Shot { angular_velocity_rad_per_s: Vector3::new(0.0, 0.2, 0.1), velocity_mps: Vector3::x() * 0.3, ..still };
     let started = Instant::now();
     let still = renderer.render(&still);
     let still_s = started.elapsed().as_secs_f64();

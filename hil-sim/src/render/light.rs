@@ -1,8 +1,9 @@
 //! The lamp: irradiance of a wall point.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use super::config::{LightConfig, LightMount};
+use super::photo::Shot;
 
 /// The lamp of one photo, in the tunnel frame.
 #[derive(Clone, Copy, Debug)]
@@ -13,25 +14,22 @@ pub(super) struct Lamp {
     exponent: f64,
     /// Distance at which a wall in the beam's axis gets unit irradiance.
     reference_m: f64,
+    level: f64,
     ambient: f64,
 }
 
 impl Lamp {
-    pub(super) fn new(
-        config: &LightConfig,
-        tunnel_from_cam: &Isometry3<f64>,
-        tunnel_from_body: &Isometry3<f64>,
-        reference_m: f64,
-    ) -> Self {
+    pub(super) fn new(config: &LightConfig, shot: &Shot, reference_m: f64) -> Self {
         let tunnel_from_mount = match config.mount {
-            LightMount::Camera => tunnel_from_cam,
-            LightMount::Body => tunnel_from_body,
+            LightMount::Camera => shot.tunnel_from_cam,
+            LightMount::Body => shot.tunnel_from_body,
         };
         Self {
             position: tunnel_from_mount * Point3::from(config.position_m),
             axis: (tunnel_from_mount * Vector3::from(config.direction)).normalize(),
             exponent: 0.5_f64.ln() / config.half_intensity_deg.to_radians().cos().ln(),
             reference_m,
+            level: shot.light_level,
             ambient: config.ambient,
         }
     }
@@ -49,13 +47,13 @@ impl Lamp {
             return self.ambient;
         }
         let beam = along_axis.powf(self.exponent);
-        self.ambient + beam * incidence * self.reference_m * self.reference_m / distance_squared
+        self.ambient + self.level * beam * incidence * self.reference_m * self.reference_m / distance_squared
     }
 
     /// Brightness of the lamp's own mirror image in a smooth surface, seen along the mirrored ray.
     pub(super) fn glint(&self, point: &Point3<f64>, mirrored: &Vector3<f64>) -> f64 {
         let cosine = (self.position - point).normalize().dot(&mirrored.normalize());
         // An LED panel of about 3 degrees across, with a soft rim.
-        40.0 * ((cosine - 0.9990) / 0.0006).clamp(0.0, 1.0)
+        40.0 * self.level * ((cosine - 0.9990) / 0.0006).clamp(0.0, 1.0)
     }
 }

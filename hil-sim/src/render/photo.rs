@@ -54,15 +54,23 @@ pub struct Shot {
     pub tunnel_from_body: Isometry3<f64>,
     /// Velocity of the optical centre in the tunnel frame.
     pub velocity_mps: Vector3<f64>,
-    /// Angular velocity of the camera, in the `cam` frame.
-    pub angular_velocity_radps: Vector3<f64>,
+    /// Angular velocity of the camera in the tunnel frame.
+    pub angular_velocity_rad_per_s: Vector3<f64>,
+    /// Brightness of the lamp, 0 to 1.
+    pub light_level: f64,
 }
 
 impl Shot {
-    /// A camera at rest.
+    /// A camera at rest with its lamp on.
     pub fn still(index: u32, tunnel_from_cam: Isometry3<f64>, tunnel_from_body: Isometry3<f64>) -> Self {
-        let (velocity_mps, angular_velocity_radps) = (Vector3::zeros(), Vector3::zeros());
-        Self { index, tunnel_from_cam, tunnel_from_body, velocity_mps, angular_velocity_radps }
+        Self {
+            index,
+            tunnel_from_cam,
+            tunnel_from_body,
+            velocity_mps: Vector3::zeros(),
+            angular_velocity_rad_per_s: Vector3::zeros(),
+            light_level: 1.0,
+        }
     }
 
     /// Camera pose `time_s` after the middle of the exposure.
@@ -70,12 +78,13 @@ impl Shot {
         if time_s == 0.0 {
             return self.tunnel_from_cam;
         }
-        let turned = UnitQuaternion::from_scaled_axis(self.angular_velocity_radps * time_s);
-        Translation3::from(self.velocity_mps * time_s) * self.tunnel_from_cam * turned
+        let turned = UnitQuaternion::from_scaled_axis(self.angular_velocity_rad_per_s * time_s);
+        let Isometry3 { rotation, translation } = self.tunnel_from_cam;
+        Isometry3::from_parts(Translation3::from(translation.vector + self.velocity_mps * time_s), turned * rotation)
     }
 
     fn is_still(&self) -> bool {
-        self.velocity_mps == Vector3::zeros() && self.angular_velocity_radps == Vector3::zeros()
+        self.velocity_mps == Vector3::zeros() && self.angular_velocity_rad_per_s == Vector3::zeros()
     }
 }
 
@@ -190,7 +199,7 @@ impl<'a> View<'a> {
         Self {
             renderer,
             shot,
-            lamp: Lamp::new(&config.light, tunnel_from_cam, tunnel_from_body, renderer.lamp_reference_m),
+            lamp: Lamp::new(&config.light, shot, renderer.lamp_reference_m),
             rods: rods_in_cam(&config.vehicle_parts, tunnel_from_cam, tunnel_from_body),
             exposure: renderer.sensor.expose(config.sensor.target_intensity, 0),
             perimeter_m: renderer.wall.profile().perimeter_m(),

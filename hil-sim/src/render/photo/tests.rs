@@ -204,7 +204,7 @@ fn a_rolling_shutter_shifts_rows_by_their_time() {
         PhotoRenderer::new(camera(), 0.1, wall.clone(), Arc::new(Dots(dots.clone())), &ideal(), 1).expect("valid");
     let shot = Shot {
         velocity_mps: Vector3::new(0.5, 0.0, 0.3),
-        angular_velocity_radps: Vector3::new(0.1, 0.3, 0.2),
+        angular_velocity_rad_per_s: Vector3::new(0.1, 0.3, 0.2),
         ..Shot::still(0, tunnel_from_cam, body)
     };
     let photo = renderer.render(&shot);
@@ -217,9 +217,9 @@ fn a_rolling_shutter_shifts_rows_by_their_time() {
         let mut expected = unmoved;
         for _ in 0..3 {
             let time_s = (expected.y / 300.0 - 0.5) * 0.1;
-            let turned = UnitQuaternion::from_scaled_axis(shot.angular_velocity_radps * time_s);
+            let turned = UnitQuaternion::from_scaled_axis(shot.angular_velocity_rad_per_s * time_s);
             let mut pose = tunnel_from_cam;
-            pose.rotation *= turned;
+            pose.rotation = turned * pose.rotation;
             pose.translation.vector += shot.velocity_mps * time_s;
             expected = project(pose);
         }
