@@ -29,14 +29,24 @@ impl RangeReading {
     /// Special values: Evo I2C manual p. 12; One product specification p. 13; One on a Hub: maker's driver
     /// `teraranger_one.h`. On a One, zero means any error, near and far included.
     pub fn from_raw(family: RangeFamily, raw_mm: u16) -> Self {
-        match (family, raw_mm) {
-            (RangeFamily::Evo, 0) => Self::TooClose,
-            (RangeFamily::Evo, 1) | (RangeFamily::One, 0) => Self::CannotMeasure,
-            (RangeFamily::Evo, 0xFFFF) | (RangeFamily::OneHub, 0) => Self::TooFar,
-            (RangeFamily::OneHub, 0xFFFF) => Self::Disconnected,
-            (RangeFamily::OneHub, 200) => Self::TooClose,
-            (RangeFamily::One, 1..200 | 14001..) => Self::CannotMeasure,
-            _ => Self::Measured(f32::from(raw_mm) * 0.001),
+        let measured = Self::Measured(f32::from(raw_mm) / 1000.0);
+        match family {
+            RangeFamily::Evo => match raw_mm {
+                0 => Self::TooClose,
+                1 => Self::CannotMeasure,
+                0xFFFF => Self::TooFar,
+                _ => measured,
+            },
+            RangeFamily::One => match raw_mm {
+                200..=14_000 => measured,
+                _ => Self::CannotMeasure,
+            },
+            RangeFamily::OneHub => match raw_mm {
+                0 => Self::TooFar,
+                200 => Self::TooClose,
+                0xFFFF => Self::Disconnected,
+                _ => measured,
+            },
         }
     }
 }
@@ -144,4 +154,24 @@ pub struct Outputs {
     pub display: Display,
     /// To be appended to the log, in this order.
     pub entries: heapless::Vec<Entry, MAX_ENTRIES>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn special_values_are_decoded_per_family() {
+        let rows = [
+            (0, [RangeReading::TooClose, RangeReading::CannotMeasure, RangeReading::TooFar]),
+            (1, [RangeReading::CannotMeasure, RangeReading::CannotMeasure, RangeReading::Measured(0.001)]),
+            (200, [RangeReading::Measured(0.2), RangeReading::Measured(0.2), RangeReading::TooClose]),
+            (3000, [RangeReading::Measured(3.0); 3]),
+            (0xFFFF, [RangeReading::TooFar, RangeReading::CannotMeasure, RangeReading::Disconnected]),
+        ];
+        for (raw_mm, expected) in rows {
+            let families = [RangeFamily::Evo, RangeFamily::One, RangeFamily::OneHub];
+            assert_eq!(families.map(|family| RangeReading::from_raw(family, raw_mm)), expected, "raw {raw_mm}");
+        }
+    }
 }

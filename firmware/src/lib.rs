@@ -3,8 +3,19 @@
 //!
 //! Sans-I/O: [`Controller::step`](controller::Controller::step) is a function of (time, inputs, state). It reads no
 //! clock, opens no port, allocates nothing and never panics. The board's tasks and the simulator call the same code.
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+mod capture;
 pub mod controller;
 pub mod io;
+mod journal;
+mod limit;
+mod modes;
+mod moment;
+mod position;
+mod ranges;
+mod self_test;
+mod shaft;
+pub mod table;
+mod time;

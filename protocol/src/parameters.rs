@@ -139,8 +139,10 @@ pub struct ShutterParameters {
     pub exposure_s: f32,
     /// How long the shutter line is held.
     pub pulse_s: f32,
-    /// Time from the exposure's start to the busy line's edge.
-    pub busy_delay_s: f32,
+    /// Does the busy line rise at the exposure's start (true), or when the button press is noticed (false)?
+    pub busy_marks_exposure: bool,
+    /// Shortest time between two shutter commands; a camera that is still writing ignores the second.
+    pub min_interval_s: f32,
     /// Longest the camera may stay busy with one photo.
     pub busy_timeout_s: f32,
     /// Longest time from the shutter's command to the count of stored photos going up.
@@ -168,15 +170,17 @@ impl Default for ShutterParameters {
             exposure_s: 0.02,
             // A button press that every camera notices.
             pulse_s: 0.1,
-            // Unknown until measured.
-            busy_delay_s: 0.0,
+            // Only a flash contact marks the exposure.
+            busy_marks_exposure: false,
+            // A HERO4 stores a 12 MP photo in about that time; only a busy line tells better.
+            min_interval_s: 1.0,
             // Twice a slow card's time for 12 MP.
             busy_timeout_s: 3.0,
             // As long as the camera may be busy.
             confirm_timeout_s: 3.0,
             // Two: a third failure is no accident.
             retries: 2,
-            // Three angles given up in a row with two retries each.
+            // Three angles in a row, each with two retries.
             misses_to_fault: 9,
             light_level: 1.0,
             // LED drivers reach their level within some tens of milliseconds.

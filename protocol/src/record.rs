@@ -20,7 +20,8 @@ pub enum Mode {
     Ready,
     /// Taking photos, everything works.
     Scanning,
-    /// Taking photos with a part missing; the speed limit is the worst case's.
+    /// Taking photos without position, encoder or autopilot; where the position is unknown, the speed limit is that of the
+    /// worst place allowed.
     Degraded,
     /// Something needed has failed: no photos, speed limit zero.
     Fault,

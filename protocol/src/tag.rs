@@ -42,14 +42,17 @@ impl TagFlags {
     pub const RETRY: Self = Self(1 << 3);
     /// At least one range sensor is faulty.
     pub const SENSOR_FAULT: Self = Self(1 << 4);
+    /// The shaft angle is the commanded one; no encoder was heard.
+    pub const ANGLE_COMMANDED: Self = Self(1 << 5);
 
     /// Names and values of all flags, in order of their bits; the names are those of tags.csv.
-    pub const NAMES: [(&'static str, Self); 5] = [
+    pub const NAMES: [(&'static str, Self); 6] = [
         ("overspeed", Self::OVERSPEED),
         ("shaft-moving", Self::SHAFT_MOVING),
         ("centring-lost", Self::CENTRING_LOST),
         ("retry", Self::RETRY),
         ("sensor-fault", Self::SENSOR_FAULT),
+        ("angle-commanded", Self::ANGLE_COMMANDED),
     ];
 
     /// Tells whether all bits of `other` are set.
