@@ -1,0 +1,167 @@
+//! Sampling a photo: bicubic between pixels, a pyramid of halved photos where texels are coarser than pixels.
+
+use crate::raster::Rgb8;
+
+/// No level smaller than this on its short side.
+const SMALLEST_LEVEL_PX: usize = 16;
+
+/// Anti-aliasing starts this much later (in octaves) than the sampling theorem asks: crisper, and bicubic hides it.
+const SHARPNESS_OCTAVES: f32 = 0.25;
+
+/// A photo and its halved copies.
+pub(super) struct Mips {
+    levels: Vec<Level>,
+}
+
+/// RGB, three bytes per pixel and one more at the end, so that four bytes can be read at any pixel.
+struct Level {
+    width: usize,
+    height: usize,
+    data: Vec<u8>,
+}
+
+impl Mips {
+    /// Builds the pyramid.
+    pub(super) fn new(photo: Rgb8) -> Self {
+        let mut data = photo.data;
+        data.push(0);
+        let mut levels = vec![Level { width: photo.width, height: photo.height, data }];
+        while let Some(last) = levels.last()
+            && last.width.min(last.height) >= SMALLEST_LEVEL_PX * 2
+        {
+            levels.push(last.halved());
+        }
+        Self { levels }
+    }
+
+    /// Bytes in memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.levels.iter().map(|level| level.data.len()).sum()
+    }
+
+    /// Returns the colour (0..=255; the fourth number means nothing) at a pixel position of the full photo.
+    ///
+    /// `octaves`: base-2 logarithm of the texel's size in photo pixels; above zero the photo is averaged.
+    pub(super) fn sample(&self, u_px: f32, v_px: f32, octaves: f32) -> [f32; 4] {
+        let last = self.levels.len() - 1;
+        let octaves = (octaves - SHARPNESS_OCTAVES).clamp(0.0, last as f32);
+        let lower = octaves as usize;
+        let share = octaves - lower as f32;
+        let fine = self.level_sample(lower, u_px, v_px);
+        if share < 0.02 || lower == last {
+            return fine;
+        }
+        let coarse = self.level_sample(lower + 1, u_px, v_px);
+        std::array::from_fn(|i| fine[i] + share * (coarse[i] - fine[i]))
+    }
+
+    fn level_sample(&self, level: usize, u_px: f32, v_px: f32) -> [f32; 4] {
+        let scale = 1.0 / (1_u32 << level) as f32;
+        self.levels[level].bicubic(u_px * scale - 0.5, v_px * scale - 0.5)
+    }
+}
+
+impl Level {
+    fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let stride = self.width * 3;
+        let mut data = Vec::with_capacity(width * height * 3 + 1);
+        for row in 0..height {
+            let upper = &self.data[2 * row * stride..][..stride];
+            let lower = &self.data[(2 * row + 1) * stride..][..stride];
+            for (a, b) in upper.chunks_exact(6).zip(lower.chunks_exact(6)) {
+                for channel in 0..3 {
+                    let sum = u16::from(a[channel])
+                        + u16::from(a[channel + 3])
+                        + u16::from(b[channel])
+                        + u16::from(b[channel + 3]);
+                    data.push(((sum + 2) / 4) as u8);
+                }
+            }
+        }
+        data.push(0);
+        Self { width, height, data }
+    }
+
+    /// Catmull-Rom interpolation at index position (0 = centre of the first pixel); the border is repeated outside.
+    fn bicubic(&self, x: f32, y: f32) -> [f32; 4] {
+        let (x_floor, y_floor) = (x.floor(), y.floor());
+        let (weights_x, weights_y) = (catmull_rom(x - x_floor), catmull_rom(y - y_floor));
+        let (column, row) = (x_floor as i32 - 1, y_floor as i32 - 1);
+        let mut sum = [0.0; 4];
+        let inside = column >= 0 && row >= 0 && column + 4 <= self.width as i32 && row + 4 <= self.height as i32;
+        if inside {
+            let start = (row as usize * self.width + column as usize) * 3;
+            for (line, weight_y) in weights_y.into_iter().enumerate() {
+                let pixels = &self.data[start + line * self.width * 3..][..13];
+                let mut across = [0.0; 4];
+                for (tap, weight_x) in weights_x.into_iter().enumerate() {
+                    for channel in 0..4 {
+                        across[channel] += weight_x * f32::from(pixels[tap * 3 + channel]);
+                    }
+                }
+                for channel in 0..4 {
+                    sum[channel] += weight_y * across[channel];
+                }
+            }
+        } else {
+            for (line, weight_y) in (row..).zip(weights_y) {
+                let line = line.clamp(0, self.height as i32 - 1) as usize;
+                for (tap, weight_x) in (column..).zip(weights_x) {
+                    let tap = tap.clamp(0, self.width as i32 - 1) as usize;
+                    let pixel = &self.data[(line * self.width + tap) * 3..][..3];
+                    for channel in 0..3 {
+                        sum[channel] += weight_x * weight_y * f32::from(pixel[channel]);
+                    }
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// Weights of the four neighbours at `t` between the second and the third (Catmull and Rom 1974).
+fn catmull_rom(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        -0.5 * t3 + t2 - 0.5 * t,
+        1.5 * t3 - 2.5 * t2 + 1.0,
+        -1.5 * t3 + 2.0 * t2 + 0.5 * t,
+        0.5 * t3 - 0.5 * t2,
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raster::Raster;
+
+    fn ramp(width: usize, height: usize) -> Rgb8 {
+        let mut photo = Raster::new(width, height);
+        for row in 0..height {
+            for column in 0..width {
+                photo.set(column, row, [column as u8 * 2, row as u8 * 3, 7]);
+            }
+        }
+        photo
+    }
+
+    #[test]
+    fn pixel_centres_return_the_pixels_themselves() {
+        let mips = Mips::new(ramp(60, 40));
+        for (column, row) in [(0, 0), (5, 7), (59, 39), (1, 38)] {
+            let [r, g, b, _] = mips.sample(column as f32 + 0.5, row as f32 + 0.5, 0.0);
+            assert!((r - column as f32 * 2.0).abs() < 1e-3 && (g - row as f32 * 3.0).abs() < 1e-3, "{column} {row}");
+            assert!((b - 7.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn a_linear_ramp_is_kept_on_every_level() {
+        let mips = Mips::new(ramp(120, 80));
+        for octaves in [0.0, 0.6, 1.0, 1.7] {
+            let [r, g, ..] = mips.sample(61.3, 40.9, octaves);
+            assert!((r - 60.8 * 2.0).abs() < 1.0 && (g - 40.4 * 3.0).abs() < 1.0, "at {octaves}: {r} {g}");
+        }
+    }
+}
