@@ -12,6 +12,7 @@ pub mod poses;
 pub mod prior;
 pub mod raster;
 pub mod survey;
+pub mod texture;
 
 /// Returns the folder of sample surveys that lies beside the checkout, where there is one.
 #[cfg(test)]

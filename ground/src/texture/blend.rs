@@ -153,13 +153,7 @@ fn shares(layer: &Layer, index: u32, labels: &[u32], band: &Band) -> Option<Shar
         }
         weights
     };
-    Some(Shares {
-        row0,
-        rows,
-        columns: region.columns,
-        fine: blurred(FINE_BLUR_CELLS),
-        mid: blurred(MID_BLUR_CELLS),
-    })
+    Some(Shares { row0, rows, columns: region.columns, fine: blurred(FINE_BLUR_CELLS), mid: blurred(MID_BLUR_CELLS) })
 }
 
 /// Running mean over `2 * radius + 1` cells in both directions; zero outside.

@@ -42,7 +42,9 @@ pub enum TextureError {
     #[error("the reconstruction's section: {0}")]
     Profile(#[from] adit_geometry::profile::ProfileError),
     /// The asked-for resolution makes no sense.
-    #[error("mm_per_px is {found}; expected a positive number of at least {least:.3} (the panorama would be {width_px:.0} px wide)")]
+    #[error(
+        "mm_per_px is {found}; expected a positive number of at least {least:.3} (the panorama would be {width_px:.0} px wide)"
+    )]
     Resolution {
         /// What was asked for.
         found: f64,

@@ -42,17 +42,29 @@ pub(super) struct Layer {
 /// What [`Layer::new`] needs to know of a photo.
 pub(super) struct LayerSource<'a> {
     pub(super) view: &'a View,
-    pub(super) footprint: &'a Footprint,
     pub(super) usable: &'a Usable,
     pub(super) mips: &'a Mips,
     pub(super) curve: &'a ToneCurve,
 }
 
+/// Where on the coarse lattice a photo is among the good ones.
+pub(super) struct Useful {
+    pub(super) region: Region,
+    /// Weight in the low band, per cell of the region.
+    pub(super) weights: Vec<f32>,
+}
+
 impl Layer {
-    /// Lays the photo on the wall where it is among the good ones; `None` if it is nowhere.
-    pub(super) fn new(source: &LayerSource, profile: &Profile<f64>, best: &BestScores, texel_m: f64) -> Option<Self> {
-        let (region, low_weight) = useful(source, profile, best)?;
-        let mid = best.lattice.finer();
+    /// Lays the photo on the wall where it is useful.
+    pub(super) fn new(
+        source: &LayerSource,
+        useful: &Useful,
+        profile: &Profile<f64>,
+        coarse: &Lattice,
+        texel_m: f64,
+    ) -> Self {
+        let region = useful.region;
+        let mid = coarse.finer();
         let mid_region = region.finer();
         let sights = source.view.sights(profile, source.usable, &mid, &mid_region);
         let mid_m = mid.step_s_m as f32;
@@ -62,14 +74,14 @@ impl Layer {
         let low = low_pass(&colour, &seen, &region);
         bleed(&mut colour, seen, mid_region.columns, BLEED_CELLS);
         let texel_m = texel_m as f32;
-        Some(Self {
+        Self {
             region,
             colour,
             score: sights.iter().map(|sight| sight.score).collect(),
             octaves: sights.iter().map(|sight| (texel_m * sight.mean_density_per_m).max(1e-3).log2()).collect(),
             low,
-            low_weight,
-        })
+            low_weight: useful.weights.clone(),
+        }
     }
 }
 
@@ -81,10 +93,17 @@ pub(super) fn shade(source: &LayerSource, sight: &Sight, size_m: f32) -> Rgbx {
     std::array::from_fn(|i| colour[i] * factors[i])
 }
 
-/// Finds the box of coarse cells where the photo is good enough, and its weight in the low band there.
-fn useful(source: &LayerSource, profile: &Profile<f64>, best: &BestScores) -> Option<(Region, Vec<f32>)> {
-    let whole = source.view.region(source.footprint, best.lattice);
-    let sights = source.view.sights(profile, source.usable, best.lattice, &whole);
+/// Finds the box of coarse cells where the photo is good enough, and its weight in the low band there; `None` if it is
+/// nowhere.
+pub(super) fn useful(
+    view: &View,
+    footprint: &Footprint,
+    usable: &Usable,
+    profile: &Profile<f64>,
+    best: &BestScores,
+) -> Option<Useful> {
+    let whole = footprint.region(best.lattice);
+    let sights = view.sights(profile, usable, best.lattice, &whole);
     let share = |column: usize, row: usize| {
         let score = sights[row * whole.columns + column].score;
         let at = (whole.row0 + row) * best.lattice.columns + best.lattice.wrap(whole.column0 + column as i64);
@@ -115,7 +134,7 @@ fn useful(source: &LayerSource, profile: &Profile<f64>, best: &BestScores) -> Op
         .flat_map(|row| columns.clone().map(move |column| (column, row)))
         .map(|(column, row)| ((share(column, row) - USEFUL_SHARE) / (1.0 - USEFUL_SHARE)).max(0.0).powi(2))
         .collect();
-    Some((region, weights))
+    Some(Useful { region, weights })
 }
 
 /// Averages mid cells into coarse ones with a tent two coarse cells wide.

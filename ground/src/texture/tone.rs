@@ -4,7 +4,7 @@
 //! the principal point over the half diagonal. In gamma-encoded values an exposure is a factor too (a power law turns
 //! factors into factors). The albedo of each place is eliminated (differences to the mean of the views of that place);
 //! what is left is linear least squares with weak priors, re-weighted against highlights and things that moved
-//! (Geman and McClure), solved by conjugate gradients, so cost grows linearly with the number of photos.
+//! (a Geman-McClure loss), solved by conjugate gradients, so cost grows linearly with the number of photos.
 
 use adit_geometry::camera::Camera;
 
@@ -72,10 +72,12 @@ pub(super) struct ToneCurve {
 
 impl ToneCurve {
     pub(super) fn new(camera: &Camera<f64>, tones: &Tones, view: usize) -> Self {
-        let corners = [[0.0, 0.0], [camera.width_px as f32, 0.0], [0.0, camera.height_px as f32], [
-            camera.width_px as f32,
-            camera.height_px as f32,
-        ]];
+        let corners = [
+            [0.0, 0.0],
+            [camera.width_px as f32, 0.0],
+            [0.0, camera.height_px as f32],
+            [camera.width_px as f32, camera.height_px as f32],
+        ];
         let farthest = corners.into_iter().map(|corner| radius2(camera, corner)).fold(0.0, f32::max) * 1.01;
         let table = (0..=TABLE_STEPS)
             .map(|step| {

@@ -1,5 +1,7 @@
 //! Which part of a photo may be used: inside the border and away from what its mask blackens.
 
+use std::f32::consts::SQRT_2;
+
 use crate::raster::Mask;
 
 /// Photo pixels along the side of a cell of the distance map.
@@ -83,7 +85,7 @@ impl MaskDistance {
 fn relax(distance: &mut [f32], columns: usize, column: usize, row: usize, direction: i64) {
     let rows = distance.len() / columns;
     let mut best = distance[row * columns + column];
-    let steps = [(direction, 0, 1.0), (-1, direction, 1.4142), (0, direction, 1.0), (1, direction, 1.4142)];
+    let steps = [(direction, 0, 1.0), (-1, direction, SQRT_2), (0, direction, 1.0), (1, direction, SQRT_2)];
     for (across, down, cost) in steps {
         let (c, r) = (column as i64 + across, row as i64 + down);
         if c >= 0 && r >= 0 && c < columns as i64 && r < rows as i64 {

@@ -33,10 +33,13 @@ pub(super) struct View {
     pub(super) camera: Camera<f64>,
     cam_from_tunnel: Matrix3<f64>,
     centre_in_tunnel: Vector3<f64>,
+    /// Factor on the quality: below 1 for poses that are less certain than others.
+    trust: f32,
 }
 
 /// What a photo covers: a box in arc length (not wrapped, around the photo's own middle) and along the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::struct_field_names, reason = "the unit is part of every name")]
 pub(super) struct Footprint {
     pub(super) s_m: [f64; 2],
     pub(super) x_m: [f64; 2],
@@ -60,10 +63,27 @@ pub(super) struct Sight {
 
 const UNSEEN: Sight = Sight { pixel: [-1.0, -1.0], density_per_m: 0.0, mean_density_per_m: 0.0, score: 0.0 };
 
+impl Footprint {
+    /// The box of coarse-lattice cells that the footprint touches.
+    pub(super) fn region(&self, coarse: &Lattice) -> Region {
+        let column0 = (self.s_m[0] / coarse.step_s_m).floor() as i64 - 1;
+        let column_end = (self.s_m[1] / coarse.step_s_m).ceil() as i64 + 1;
+        let row = |x_m: f64| (x_m - coarse.x0_m) / coarse.step_x_m;
+        let row0 = (row(self.x_m[0]).floor().max(0.0) as usize).min(coarse.rows - 1);
+        let row_end = (row(self.x_m[1]).ceil().max(0.0) as usize + 1).min(coarse.rows);
+        Region {
+            column0,
+            columns: ((column_end - column0) as usize).min(coarse.columns),
+            row0,
+            rows: row_end.max(row0 + 1) - row0,
+        }
+    }
+}
+
 impl View {
-    pub(super) fn new(camera: Camera<f64>, tunnel_from_cam: &Isometry3<f64>) -> Self {
+    pub(super) fn new(camera: Camera<f64>, tunnel_from_cam: &Isometry3<f64>, trust: f32) -> Self {
         let cam_from_tunnel = *tunnel_from_cam.rotation.inverse().to_rotation_matrix().matrix();
-        Self { camera, cam_from_tunnel, centre_in_tunnel: tunnel_from_cam.translation.vector }
+        Self { camera, cam_from_tunnel, centre_in_tunnel: tunnel_from_cam.translation.vector, trust }
     }
 
     /// A wall point at x = 0 in the camera frame; [`Self::forward_in_cam`] times x is to be added.
@@ -129,23 +149,14 @@ impl View {
         Some(densities((pixel_from_cam * around).into(), (pixel_from_cam * forward).into()))
     }
 
-    /// The box of coarse-lattice cells that the footprint touches.
-    pub(super) fn region(&self, footprint: &Footprint, coarse: &Lattice) -> Region {
-        let column0 = (footprint.s_m[0] / coarse.step_s_m).floor() as i64 - 1;
-        let column_end = (footprint.s_m[1] / coarse.step_s_m).ceil() as i64 + 1;
-        let row = |x_m: f64| (x_m - coarse.x0_m) / coarse.step_x_m;
-        let row0 = (row(footprint.x_m[0]).floor().max(0.0) as usize).min(coarse.rows - 1);
-        let row_end = (row(footprint.x_m[1]).ceil().max(0.0) as usize + 1).min(coarse.rows);
-        Region {
-            column0,
-            columns: ((column_end - column0) as usize).min(coarse.columns),
-            row0,
-            rows: row_end.max(row0 + 1) - row0,
-        }
-    }
-
     /// Looks at every cell of `region` (in cells of `lattice`), row by row.
-    pub(super) fn sights(&self, profile: &Profile<f64>, usable: &Usable, lattice: &Lattice, region: &Region) -> Vec<Sight> {
+    pub(super) fn sights(
+        &self,
+        profile: &Profile<f64>,
+        usable: &Usable,
+        lattice: &Lattice,
+        region: &Region,
+    ) -> Vec<Sight> {
         let columns: Vec<_> = (0..region.columns as i64)
             .map(|column| self.column(profile, lattice.s_m(region.column0 + column), lattice.step_s_m))
             .collect();
@@ -197,11 +208,12 @@ impl View {
         }
         let inwards = (clearance_px / ramp_px).min(1.0);
         let ramp = inwards * inwards * (3.0 - 2.0 * inwards);
-        Some(Sight { score: least as f32 * ramp.max(EDGE_FLOOR), ..sight })
+        Some(Sight { score: least as f32 * ramp.max(EDGE_FLOOR) * self.trust, ..sight })
     }
 }
 
 #[derive(Clone, Copy)]
+#[expect(clippy::struct_field_names, reason = "the unit is part of every name")]
 struct Hit {
     s_m: f64,
     x_m: f64,
@@ -246,7 +258,7 @@ mod tests {
 
     fn view(shaft_rad: f64) -> View {
         let rotation = nominal_rotation(ImageUp::Forward, shaft_rad);
-        View::new(camera(), &Isometry3::from_parts(Translation3::new(2.0, 0.0, 0.0), rotation))
+        View::new(camera(), &Isometry3::from_parts(Translation3::new(2.0, 0.0, 0.0), rotation), 1.0)
     }
 
     #[test]
@@ -264,7 +276,7 @@ mod tests {
         let profile = ProfileSpec::Circle { radius_m: 3.0 }.build().unwrap();
         let coarse = Lattice::coarse(profile.perimeter_m(), 0.0128, -1.0, 5.0);
         let view = view(0.0);
-        let region = view.region(&view.footprint(&profile).unwrap(), &coarse);
+        let region = view.footprint(&profile).unwrap().region(&coarse);
         let middle = region.column0 + region.columns as i64 / 2;
         assert!(middle.rem_euclid(coarse.columns as i64) < 2 || coarse.wrap(middle) + 2 > coarse.columns, "{region:?}");
     }
