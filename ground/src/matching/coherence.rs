@@ -30,42 +30,60 @@ pub(super) struct Displacement {
     pub(super) found_m: [f64; 2],
 }
 
-/// Returns for every match whether it agrees within `gate_m`.
-pub(super) fn agreeing(matches: &[Displacement], poses: [&ViewPose; 2], reach_m: f64, gate_m: f64) -> Vec<bool> {
-    let rows: Vec<SMatrix<f64, 2, UNKNOWNS>> = matches
-        .iter()
-        .map(|one| {
-            let [first, second] = poses.map(|pose| displacement_jacobian(&one.point, &pose.centre()));
-            let mut row = SMatrix::<f64, 2, UNKNOWNS>::zeros();
-            row.fixed_columns_mut::<6>(0).copy_from(&-first);
-            row.fixed_columns_mut::<6>(6).copy_from(&second);
-            row
-        })
-        .collect();
-    // A match is good to a third of the gate.
-    let information = 9.0 / (gate_m * gate_m);
-    let prior = prior_information(poses);
-    let mut motion = SVector::<f64, UNKNOWNS>::zeros();
-    let start_m = reach_m.max(2.0 * gate_m);
-    for step in 0..STEPS {
-        let share = step as f64 / (STEPS - 1) as f64;
-        let scale_m = start_m * (0.7 * gate_m / start_m).powf(share);
-        let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&prior);
-        let mut right = SVector::<f64, UNKNOWNS>::zeros();
-        for (row, one) in rows.iter().zip(matches) {
-            let found = Vector2::from(one.found_m);
-            let squared = (found - row * motion).norm_squared() / (scale_m * scale_m);
-            let weight = information / ((1.0 + squared) * (1.0 + squared));
-            normal += row.transpose() * row * weight;
-            right += row.transpose() * found * weight;
+/// The small motion of a pair's two cameras that explains its matches.
+#[derive(Clone, Debug)]
+pub(super) struct PairMotion<'a> {
+    poses: [&'a ViewPose; 2],
+    motion: SVector<f64, UNKNOWNS>,
+}
+
+impl<'a> PairMotion<'a> {
+    /// Fits the motion to matches of which many may be wrong, by up to `reach_m`; a right one is good to `gate_m`.
+    pub(super) fn fit(matches: &[Displacement], poses: [&'a ViewPose; 2], reach_m: f64, gate_m: f64) -> Self {
+        let rows: Vec<Row> = matches.iter().map(|one| row(&one.point, poses)).collect();
+        // A match is good to a third of the gate.
+        let information = 9.0 / (gate_m * gate_m);
+        let prior = prior_information(poses);
+        let mut motion = SVector::<f64, UNKNOWNS>::zeros();
+        let start_m = reach_m.max(2.0 * gate_m);
+        for step in 0..STEPS {
+            let share = step as f64 / (STEPS - 1) as f64;
+            let scale_m = start_m * (0.7 * gate_m / start_m).powf(share);
+            let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&prior);
+            let mut right = SVector::<f64, UNKNOWNS>::zeros();
+            for (row, one) in rows.iter().zip(matches) {
+                let found = Vector2::from(one.found_m);
+                let squared = (found - row * motion).norm_squared() / (scale_m * scale_m);
+                let weight = information / ((1.0 + squared) * (1.0 + squared));
+                normal += row.transpose() * row * weight;
+                right += row.transpose() * found * weight;
+            }
+            let Some(factor) = normal.cholesky() else { break };
+            motion = factor.solve(&right);
         }
-        let Some(factor) = normal.cholesky() else { break };
-        motion = factor.solve(&right);
+        Self { poses, motion }
     }
-    let agrees = |(row, one): (&SMatrix<f64, 2, UNKNOWNS>, &Displacement)| {
-        (Vector2::from(one.found_m) - row * motion).norm() <= gate_m
-    };
-    rows.iter().zip(matches).map(agrees).collect()
+
+    /// Where the second photo should find a point, minus where the first has it, `[s, x]` metres.
+    pub(super) fn displacement_m(&self, point: &WallPoint) -> Vector2<f64> {
+        row(point, self.poses) * self.motion
+    }
+
+    /// Tells whether a match lies within `gate_m` of the motion.
+    pub(super) fn agrees(&self, one: &Displacement, gate_m: f64) -> bool {
+        (Vector2::from(one.found_m) - self.displacement_m(&one.point)).norm() <= gate_m
+    }
+}
+
+/// Derivative of the displacement between the two photos with respect to both motions.
+type Row = SMatrix<f64, 2, UNKNOWNS>;
+
+fn row(point: &WallPoint, poses: [&ViewPose; 2]) -> Row {
+    let [first, second] = poses.map(|pose| displacement_jacobian(point, &pose.centre()));
+    let mut row = Row::zeros();
+    row.fixed_columns_mut::<6>(0).copy_from(&-first);
+    row.fixed_columns_mut::<6>(6).copy_from(&second);
+    row
 }
 
 fn prior_information(poses: [&ViewPose; 2]) -> SVector<f64, UNKNOWNS> {
@@ -162,9 +180,9 @@ mod tests {
             let stray = if index % 3 == 0 { 0.2 * f64::from(index % 7) - 0.55 } else { 0.0 };
             matches.push(Displacement { point, found_m: [moved.x + stray, moved.y - stray] });
         }
-        let agrees = agreeing(&matches, [&poses[0], &poses[1]], 0.3, 0.02);
-        for (index, agrees) in agrees.iter().enumerate() {
-            assert_eq!(*agrees, index % 3 != 0, "match {index}");
+        let motion = PairMotion::fit(&matches, [&poses[0], &poses[1]], 0.3, 0.02);
+        for (index, one) in matches.iter().enumerate() {
+            assert_eq!(motion.agrees(one, 0.02), index % 3 != 0, "match {index}");
         }
     }
 }

@@ -83,7 +83,8 @@ impl MatchConfig {
             min_search_px: 3,
             search_sigmas: 3.0,
             widen: 1.0,
-            band_large_px: 12.0,
+            band_small_px: 0.6,
+            band_large_px: 6.0,
             cell_px: 60,
             gate_px: 2.0,
             ..Self::wide(native_m)

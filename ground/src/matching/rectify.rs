@@ -117,32 +117,38 @@ pub(super) fn rectify(
     let image = LogImage::new(pixels, halvings);
     let knots = Knots::new(grid, tunnel_from_cam, footprint, image.pixels_per_photo_pixel);
     let mut plane = Plane::new(footprint.size[0] * BLOCK, footprint.size[1] * BLOCK);
+    let mut pixel_row = [vec![0.0; plane.width], vec![0.0; plane.width]];
     for row in 0..plane.height {
         let (knot, phase) = (row / KNOT_ROWS, row % KNOT_ROWS);
         let weights = cubic_weights(phase as f32 / KNOT_ROWS as f32);
-        let [before, here, next, after] = [0, 1, 2, 3].map(|offset| knots.row(knot + offset));
-        let facing = if 2 * phase < KNOT_ROWS { here } else { next };
-        for (column, value) in plane.row_mut(row).iter_mut().enumerate() {
-            let blend = |axis: usize| {
-                weights[0] * before[column][axis]
-                    + weights[1] * here[column][axis]
-                    + weights[2] * next[column][axis]
-                    + weights[3] * after[column][axis]
-            };
-            *value = if facing[column][2] > 0.0 { image.sample(blend(0), blend(1)) } else { f32::NAN };
+        for (axis, blended) in pixel_row.iter_mut().enumerate() {
+            let [before, here, next, after] = [0, 1, 2, 3].map(|offset| knots.pixels[axis].row(knot + offset));
+            for (column, value) in blended.iter_mut().enumerate() {
+                *value = weights[0] * before[column]
+                    + weights[1] * here[column]
+                    + weights[2] * next[column]
+                    + weights[3] * after[column];
+            }
+        }
+        let nearest = if 2 * phase < KNOT_ROWS { knot + 1 } else { knot + 2 };
+        let facing = &knots.facing[nearest * plane.width..(nearest + 1) * plane.width];
+        let [xs, ys] = &pixel_row;
+        for (((value, &x), &y), &facing) in plane.row_mut(row).iter_mut().zip(xs).zip(ys).zip(facing) {
+            *value = if facing { image.sample(x, y) } else { f32::NAN };
         }
     }
     plane
 }
 
-/// Exact projections of every column, every [`KNOT_ROWS`] rows: `[x, y, 1 if the wall faces the camera]`.
+/// Exact projections of every column, every [`KNOT_ROWS`] rows, from one knot before the window on.
 struct Knots {
-    width: usize,
-    values: Vec<[f32; 3]>,
+    /// Position along x and y in the halved image, counted from the first pixel's centre; NaN where there is none.
+    pixels: [Plane; 2],
+    /// The wall faces the camera there.
+    facing: Vec<bool>,
 }
 
 impl Knots {
-    /// The first knot row lies one knot before the window.
     fn new(
         grid: &WallGrid<'_>,
         tunnel_from_cam: &Isometry3<f64>,
@@ -151,7 +157,8 @@ impl Knots {
     ) -> Self {
         let width = footprint.size[0] * BLOCK;
         let rows = footprint.size[1] * BLOCK / KNOT_ROWS + 3;
-        let mut values = vec![[f32::NAN, f32::NAN, 0.0]; width * rows];
+        let unknown = Plane { width, height: rows, data: vec![f32::NAN; width * rows] };
+        let mut knots = Self { pixels: [unknown.clone(), unknown], facing: vec![false; width * rows] };
         let centre = Point3::from(tunnel_from_cam.translation.vector);
         let cam_from_tunnel = tunnel_from_cam.inverse();
         let [column0, row0] = footprint.block0.map(|block| (block * BLOCK as i64) as f64);
@@ -164,16 +171,14 @@ impl Knots {
                 point.position.x += (knot * KNOT_ROWS) as f64 * grid.step_m;
                 let in_cam = cam_from_tunnel.transform_point(&point.position).coords;
                 let Some(pixel) = grid.camera.project(&in_cam) else { continue };
-                let scaled = pixel * pixels_per_photo_pixel;
-                let facing = f32::from(u8::from(open && grid.faces(&point, &centre)));
-                values[knot * width + column] = [scaled.x as f32 - 0.5, scaled.y as f32 - 0.5, facing];
+                let index = knot * width + column;
+                knots.facing[index] = open && grid.faces(&point, &centre);
+                for axis in [0, 1] {
+                    knots.pixels[axis].data[index] = (pixel[axis] * pixels_per_photo_pixel - 0.5) as f32;
+                }
             }
         }
-        Self { width, values }
-    }
-
-    fn row(&self, knot: usize) -> &[[f32; 3]] {
-        &self.values[knot * self.width..(knot + 1) * self.width]
+        knots
     }
 }
 

@@ -6,7 +6,7 @@ use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
-use super::coherence::{Displacement, agreeing};
+use super::coherence::{Displacement, PairMotion};
 use super::pairs::{ExpectedPair, expected_pairs, last_needed};
 use super::patch::Patch;
 use super::search::{Search, SearchSize};
@@ -14,15 +14,39 @@ use super::wall::{BLOCK, Footprint, WallGrid};
 use super::{FoundSighting, MatchConfig, MatchRound, PairReport, Photos, Pixels, StarTrack, ViewPose};
 use crate::poses::Sighting;
 
+/// Points of a pair that are searched for in the whole window before the others, about.
+const PROBES: usize = 16;
+
+/// Share of the probes' matches that must agree for the others to be searched for near their prediction only.
+const PROBES_AGREEING: f64 = 0.7;
+
+/// A reference point that another photo should see.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    /// 0: the pair's first photo holds the reference point, 1: its second.
+    from: usize,
+    /// Its number there.
+    point: usize,
+    /// Its place in that photo's window.
+    place: [usize; 2],
+    /// Its place in the other photo's window, by the poses.
+    predicted: [i64; 2],
+    /// Its place on the wall, texels, in the columns of its own photo.
+    reference: [f64; 2],
+}
+
+impl Candidate {
+    /// A reference in the second photo that the first one finds is displaced the other way.
+    fn sign(&self) -> f64 {
+        if self.from == 0 { 1.0 } else { -1.0 }
+    }
+}
+
 /// A reference point that another photo found.
 #[derive(Clone, Copy, Debug)]
 struct Match {
-    /// 0: the pair's first photo holds the reference point, 1: its second.
-    from: usize,
-    point: usize,
-    /// Global place of the reference point, texels, in the columns of its own photo.
-    reference: [f64; 2],
-    /// Where it was found minus the above, texels.
+    candidate: Candidate,
+    /// Where it was found minus where it was predicted, texels.
     displacement: [f64; 2],
     ncc: f32,
 }
@@ -163,18 +187,53 @@ impl Round<'_> {
         reach_px: usize,
         search: &mut Search,
     ) -> (PairReport, Vec<Match>) {
-        let mut report = PairReport {
+        let candidates = self.candidates(pair);
+        let (wide, narrow) = (self.size(reach_px), self.size(self.narrow_px()));
+        let mut matches = Vec::new();
+        let mut find = |candidate: &Candidate, offset: [i64; 2], size: &SearchSize, matches: &mut Vec<Match>| {
+            let (source, target) = (pair[candidate.from], pair[1 - candidate.from]);
+            let middle = [0, 1].map(|axis| candidate.predicted[axis] + offset[axis]);
+            if let Some(peak) = search.find(source, candidate.place, target, middle, size) {
+                let displacement = [0, 1].map(|axis| peak.offset[axis] + offset[axis] as f64);
+                matches.push(Match { candidate: *candidate, displacement, ncc: peak.ncc });
+            }
+        };
+        // A few probes are searched for in the whole window. If they clearly agree, the others are near their prediction.
+        let stride = if 2 * narrow.reach < reach_px { (candidates.len() / PROBES).max(1) } else { 1 };
+        for probe in candidates.iter().step_by(stride) {
+            find(probe, [0, 0], &wide, &mut matches);
+        }
+        if stride > 1 {
+            let motion = self.motion(photos, &matches, reach_px);
+            let agreeing = matches.iter().filter(|one| self.agrees(&motion, one)).count();
+            let clear = agreeing as f64 >= (PROBES_AGREEING * matches.len() as f64).max(0.5 * PROBES as f64);
+            for (_, candidate) in candidates.iter().enumerate().filter(|(index, _)| index % stride != 0) {
+                match clear.then(|| self.predicted_offset(&motion, candidate)).flatten() {
+                    Some(offset) => find(candidate, offset, &narrow, &mut matches),
+                    None => find(candidate, [0, 0], &wide, &mut matches),
+                }
+            }
+        }
+        let matched = matches.len();
+        let motion = self.motion(photos, &matches, reach_px);
+        matches.retain(|one| self.agrees(&motion, one));
+        let least = (self.config.min_agreeing_share * matched as f64).max(self.config.min_agreeing as f64);
+        let report = PairReport {
             first: photos[0] as u32,
             second: photos[1] as u32,
             overlap: 0.0,
-            attempted: 0,
-            matched: 0,
-            agreeing: 0,
-            kept: false,
+            attempted: candidates.len() as u32,
+            matched: matched as u32,
+            agreeing: matches.len() as u32,
+            kept: matches.len() as f64 >= least,
             widened: false,
         };
-        let size = SearchSize { half: self.config.template_px / 2, reach: reach_px, min_ncc: self.config.min_ncc };
-        let mut matches = Vec::new();
+        (report, matches)
+    }
+
+    /// Reference points of both photos that the other should see, by the poses.
+    fn candidates(&self, pair: [&Patch; 2]) -> Vec<Candidate> {
+        let mut candidates = Vec::new();
         for from in [0, 1] {
             let (source, target) = (pair[from], pair[1 - from]);
             // The same wall may be counted a turn apart in the two photos.
@@ -184,40 +243,51 @@ impl Round<'_> {
                     place[0] as i64 + source.origin[0] + turns - target.origin[0],
                     place[1] as i64 + source.origin[1] - target.origin[1],
                 ];
-                if target.inverse_norm_at(predicted[0], predicted[1]) == 0.0 {
-                    continue;
-                }
-                report.attempted += 1;
-                if let Some(peak) = search.find(source, place, target, predicted, &size) {
-                    let reference = global_place(source, place);
-                    matches.push(Match { from, point, reference, displacement: peak.offset, ncc: peak.ncc });
+                if target.inverse_norm_at(predicted[0], predicted[1]) > 0.0 {
+                    candidates.push(Candidate {
+                        from,
+                        point,
+                        place,
+                        predicted,
+                        reference: global_place(source, place),
+                    });
                 }
             }
         }
-        report.matched = matches.len() as u32;
-        let kept = self.coherent(photos, &matches, reach_px);
-        let mut kept = kept.into_iter();
-        matches.retain(|_| kept.next() == Some(true));
-        report.agreeing = matches.len() as u32;
-        let least = (self.config.min_agreeing_share * f64::from(report.matched)).max(self.config.min_agreeing as f64);
-        report.kept = f64::from(report.agreeing) >= least;
-        (report, matches)
+        candidates
     }
 
-    fn coherent(&self, photos: [usize; 2], matches: &[Match], reach_px: usize) -> Vec<bool> {
+    fn size(&self, reach: usize) -> SearchSize {
+        SearchSize { half: self.config.template_px / 2, reach, min_ncc: self.config.min_ncc }
+    }
+
+    /// Half-width of the search around a prediction from probes.
+    fn narrow_px(&self) -> usize {
+        ((2.0 * self.config.gate_px).ceil() as usize + 2).max(self.config.min_search_px)
+    }
+
+    fn motion(&self, photos: [usize; 2], matches: &[Match], reach_px: usize) -> PairMotion<'_> {
+        let displacements: Vec<Displacement> = matches.iter().filter_map(|one| self.displacement(one)).collect();
         let step_m = self.grid.step_m;
-        let displacements: Option<Vec<Displacement>> = matches
-            .iter()
-            .map(|one| {
-                // A reference in the second photo that the first one found is displaced the other way.
-                let sign = if one.from == 0 { 1.0 } else { -1.0 };
-                let point = self.grid.point(one.reference[0], one.reference[1])?;
-                Some(Displacement { point, found_m: one.displacement.map(|texels| sign * texels * step_m) })
-            })
-            .collect();
-        let Some(displacements) = displacements else { return vec![false; matches.len()] };
         let poses = photos.map(|photo| &self.poses[photo]);
-        agreeing(&displacements, poses, reach_px as f64 * step_m, self.config.gate_px * step_m)
+        PairMotion::fit(&displacements, poses, reach_px as f64 * step_m, self.config.gate_px * step_m)
+    }
+
+    fn agrees(&self, motion: &PairMotion<'_>, one: &Match) -> bool {
+        let gate_m = self.config.gate_px * self.grid.step_m;
+        self.displacement(one).is_some_and(|displacement| motion.agrees(&displacement, gate_m))
+    }
+
+    fn displacement(&self, one: &Match) -> Option<Displacement> {
+        let point = self.grid.point(one.candidate.reference[0], one.candidate.reference[1])?;
+        let sign = one.candidate.sign();
+        Some(Displacement { point, found_m: one.displacement.map(|texels| sign * texels * self.grid.step_m) })
+    }
+
+    fn predicted_offset(&self, motion: &PairMotion<'_>, candidate: &Candidate) -> Option<[i64; 2]> {
+        let point = self.grid.point(candidate.reference[0], candidate.reference[1])?;
+        let texels = motion.displacement_m(&point) * (candidate.sign() / self.grid.step_m);
+        Some([texels.x.round() as i64, texels.y.round() as i64])
     }
 
     fn add_to_tracks(&self, report: &PairReport, matches: &[Match], tracks: &mut [Vec<StarTrack>]) {
@@ -226,9 +296,9 @@ impl Round<'_> {
         }
         let photos = [report.first, report.second];
         for one in matches {
-            let photo = photos[1 - one.from];
-            let track = &mut tracks[photos[one.from] as usize][one.point];
-            let place = [0, 1].map(|axis| one.reference[axis] + one.displacement[axis]);
+            let photo = photos[1 - one.candidate.from];
+            let track = &mut tracks[photos[one.candidate.from] as usize][one.candidate.point];
+            let place = [0, 1].map(|axis| one.candidate.reference[axis] + one.displacement[axis]);
             let pose = &self.poses[photo as usize].tunnel_from_cam;
             if let Some(pixel) = self.grid.pixel(pose, place[0], place[1])
                 && track.reference.pixel[0].is_finite()

@@ -86,11 +86,21 @@ impl Search {
     }
 
     fn normalise(&mut self, to: &Patch, target: [i64; 2], size: &SearchSize, columns: usize) {
-        let reach = size.reach as i64;
-        for (row, scores) in self.scores.chunks_exact_mut(columns).enumerate() {
-            for (column, score) in scores.iter_mut().enumerate() {
-                let place = [column as i64 - reach + target[0], row as i64 - reach + target[1]];
-                *score *= to.inverse_norm_at(place[0], place[1]);
+        let corner = target.map(|middle| middle - size.reach as i64);
+        let skip = (-corner[0]).clamp(0, columns as i64) as usize;
+        let end = (to.texels.width as i64 - corner[0]).clamp(skip as i64, columns as i64) as usize;
+        for (offset, scores) in self.scores.chunks_exact_mut(columns).enumerate() {
+            let row = corner[1] + offset as i64;
+            if row < 0 || row as usize >= to.texels.height || skip == end {
+                scores.fill(0.0);
+                continue;
+            }
+            scores[..skip].fill(0.0);
+            scores[end..].fill(0.0);
+            let start = (corner[0] + skip as i64) as usize;
+            let norms = &to.inverse_norm.row(row as usize)[start..start + end - skip];
+            for (score, norm) in scores[skip..end].iter_mut().zip(norms) {
+                *score *= norm;
             }
         }
     }
