@@ -1,0 +1,134 @@
+//! The report: report.json for programs, report.html (self-contained, printable) for people.
+
+mod figures;
+mod picture;
+
+use std::path::{Path, PathBuf};
+
+use minijinja::{Environment, context};
+use serde::Serialize;
+use serde_json::Value;
+
+pub use figures::PoseFigures;
+
+use crate::pipeline::StageReport;
+use crate::poses::Reconstruction;
+use crate::survey::{Loss, Survey};
+use crate::texture::TextureReport;
+
+/// Longest side of the report's pictures.
+const PICTURE_PX: usize = 1600;
+/// So many holes are listed in the HTML; all are in coverage.json.
+const LISTED_HOLES: usize = 20;
+
+/// Everything the report speaks of.
+pub struct ReportInput<'a> {
+    /// The survey.
+    pub survey: &'a Survey,
+    /// Poses, points, camera, section.
+    pub reconstruction: &'a Reconstruction,
+    /// What the texture stage made.
+    pub texture: &'a TextureReport,
+    /// Figures of every stage before the report.
+    pub stages: &'a [StageReport],
+    /// Everything that could not be used.
+    pub losses: &'a [Loss],
+}
+
+/// Why a report cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// A file cannot be written.
+    #[error("cannot write {}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The panorama cannot be read back.
+    #[error("the panorama's tiles")]
+    Panorama(#[from] crate::texture::TextureError),
+    /// The section cannot be built.
+    #[error("the survey's section")]
+    Profile(#[from] adit_geometry::profile::ProfileError),
+    /// A picture cannot be encoded.
+    #[error("a picture of the report")]
+    Picture(#[from] jpeg_encoder::EncodingError),
+    /// The figures cannot be encoded.
+    #[error("report.json")]
+    Json(#[from] serde_json::Error),
+    /// The page's template fails.
+    #[error("the report's template")]
+    Template(#[from] minijinja::Error),
+}
+
+/// The content of report.json.
+#[derive(Serialize)]
+struct Report<'a> {
+    format: u32,
+    program: String,
+    survey: String,
+    profile: Value,
+    photos: usize,
+    poses: PoseFigures,
+    stages: &'a [StageReport],
+    coverage: &'a crate::texture::Coverage,
+    native_mm_per_px: f64,
+    losses: &'a [Loss],
+}
+
+/// Writes report.json and report.html to `out`.
+///
+/// # Errors
+/// [`ReportError`] says what failed.
+pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
+    let report = Report {
+        format: 1,
+        program: format!("adit {}", env!("CARGO_PKG_VERSION")),
+        survey: input.survey.folder.display().to_string(),
+        profile: crate::texture::profile_json(&input.reconstruction.profile),
+        photos: input.survey.photos.len(),
+        poses: PoseFigures::new(&input.reconstruction.poses),
+        stages: input.stages,
+        coverage: &input.texture.coverage,
+        native_mm_per_px: input.texture.native_mm_per_px,
+        losses: input.losses,
+    };
+    let json = serde_json::to_string_pretty(&report)?;
+    save(&out.join("report.json"), json.as_bytes())?;
+    let page = page(input, &report, out)?;
+    save(&out.join("report.html"), page.as_bytes())
+}
+
+fn save(path: &Path, content: &[u8]) -> Result<(), ReportError> {
+    std::fs::write(path, content).map_err(|source| ReportError::Io { path: path.to_owned(), source })
+}
+
+fn page(input: &ReportInput<'_>, report: &Report<'_>, out: &Path) -> Result<String, ReportError> {
+    let profile = input.reconstruction.profile.build()?;
+    let mut environment = Environment::new();
+    // The name's ending turns HTML escaping on for every value.
+    environment.add_template("report.html", include_str!("report.html"))?;
+    let grid = &input.texture.grid;
+    let page = environment.get_template("report.html")?.render(context! {
+        report,
+        texture => input.texture,
+        holes => input.texture.coverage.holes.iter().take(LISTED_HOLES).collect::<Vec<_>>(),
+        panorama => picture::panorama(grid, &out.join("panorama/tiles"), PICTURE_PX)?,
+        coverage_picture => picture::file(&out.join("coverage.png")),
+        track_svg => figures::track_svg(&input.reconstruction.poses),
+        section_svg => figures::section_svg(&profile, &input.reconstruction.poses),
+        sigma_svg => figures::sigma_svg(&input.reconstruction.poses),
+        length_m => grid.height_px as f64 * grid.texel_m(),
+        adjust => figures_of(input.stages, "adjust"),
+        prior => figures_of(input.stages, "prior"),
+        coarse => figures_of(input.stages, "coarse"),
+        matching => figures_of(input.stages, "match"),
+    })?;
+    Ok(page)
+}
+
+fn figures_of(stages: &[StageReport], name: &str) -> Value {
+    stages.iter().find(|stage| stage.stage.name() == name).map_or(Value::Null, |stage| stage.figures.clone())
+}
