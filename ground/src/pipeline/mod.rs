@@ -16,7 +16,7 @@ pub use checkpoint::{Checkpoints, Key, write_whole};
 pub use progress::{StageProgress, Verbosity};
 pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver};
 
-use crate::poses::PoseStatus;
+use crate::poses::{PoseStatus, write_poses};
 use crate::survey::{self, Loss, Survey};
 
 /// The stages in order.
@@ -137,6 +137,9 @@ impl Run<'_> {
         let key = key.then("adjust", &())?;
         let adjusted = self.stage(Stage::Adjust, key, photos, |_| solver.adjust(&coarse, &matches), say_adjust)?;
         let poses = &adjusted.reconstruction.poses;
+        let mut table = Vec::new();
+        write_poses(&mut table, poses)?;
+        write_whole(&self.options.out.join("poses.csv"), &table)?;
         self.summary.registered = Some(poses.iter().filter(|pose| pose.status == PoseStatus::Adjusted).count());
         Ok(())
     }

@@ -4,6 +4,7 @@ mod size;
 
 pub use size::{SizeEstimate, estimate_size};
 
+use adit_geometry::centring::general::{self as centring, Centring};
 use adit_geometry::profile::Profile;
 use adit_geometry::rig::{Rig, attitude};
 use adit_protocol::tag::CaptureTag;
@@ -97,29 +98,23 @@ fn interpolated(values: &[Option<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// Position `[y, z]` in the section from the ranges, by robust least squares from `start`.
+/// Position `[y, z]` in the section from the ranges, nearest to `start` where two would do.
 fn section_position(tag: &TagPrior, profile: &Profile<f64>, range_m: f64, start: Vector2<f64>) -> Option<Vector2<f64>> {
-    if tag.beams.len() < 2 {
-        return None;
-    }
-    let mut position = start;
-    for _ in 0..20 {
-        let mut information = nalgebra::Matrix2::zeros();
-        let mut gradient = Vector2::zeros();
-        for beam in &tag.beams {
-            let direction = beam.direction.yz();
-            let hit = profile.ray_cast(position, direction)?;
-            let residual = (hit.distance - beam.measured_m) / range_m;
-            let slope = -hit.surface.normal / (hit.surface.normal.dot(&direction) * range_m);
-            let weight = (9.0 / (9.0 + residual * residual)).powi(2);
-            information += slope * slope.transpose() * weight;
-            gradient += slope * residual * weight;
+    let beams: Vec<centring::Beam<f64>> = tag
+        .beams
+        .iter()
+        .map(|beam| centring::Beam {
+            origin_in_body_m: Vector3::zeros(),
+            direction_in_body: beam.direction,
+            range_m: Some(beam.measured_m),
+            sigma_m: range_m,
+        })
+        .collect();
+    // Directions are in the tunnel frame already.
+    match centring::locate(profile, &beams, &UnitQuaternion::identity(), Some(start)) {
+        Centring::Solved(fix) | Centring::Undetermined { fix, .. } | Centring::Ambiguous { fixes: [fix, _] } => {
+            Some(fix.offset_m)
         }
-        let step = -(information + nalgebra::Matrix2::identity() * 1e-6).try_inverse()? * gradient;
-        position += step;
-        if step.norm() < 1e-6 {
-            break;
-        }
+        Centring::Inconsistent { .. } | Centring::NotEnoughBeams { .. } => None,
     }
-    profile.contains(position).then_some(position)
 }
