@@ -41,6 +41,8 @@ struct Open {
     index: u32,
     commanded_us: u64,
     busy_us: Option<u64>,
+    /// When the camera was last seen busy with it.
+    last_busy_us: Option<u64>,
     state: CaptureState,
     flags: TagFlags,
     tagged: bool,
@@ -232,6 +234,7 @@ impl Sequencer {
             index: self.index,
             commanded_us: now_us,
             busy_us: None,
+            last_busy_us: None,
             state: CaptureState::Commanded,
             flags,
             tagged: false,
@@ -273,9 +276,12 @@ impl Sequencer {
         };
         let now_us = around.moment.now_us;
         let mut state = open.state;
-        if self.is_busy(around.camera) && state == CaptureState::Commanded {
-            open.busy_us = Some(now_us);
-            state = CaptureState::Busy;
+        if self.is_busy(around.camera) {
+            open.last_busy_us = Some(now_us);
+            if state == CaptureState::Commanded {
+                open.busy_us = Some(now_us);
+                state = CaptureState::Busy;
+            }
         }
         if stored > 0 && state != CaptureState::Confirmed {
             state = CaptureState::Confirmed;
@@ -309,9 +315,7 @@ impl Sequencer {
         }
         let reason = match open.state {
             CaptureState::Commanded => Some(MissReason::NeverBusy),
-            _ if has_passed(open.commanded_us, now_us, self.parameters.confirm_timeout_s) => {
-                Some(MissReason::NeverConfirmed)
-            }
+            _ if self.has_waited_long_enough(&open, now_us) => Some(MissReason::NeverConfirmed),
             _ => None,
         };
         match reason {
@@ -321,6 +325,13 @@ impl Sequencer {
             Some(reason) => self.miss(&open, reason, around),
             None => self.open = Some(open),
         }
+    }
+
+    /// Whether a photo that has not been counted by now will not be counted any more.
+    fn has_waited_long_enough(&self, open: &Open, now_us: u64) -> bool {
+        let since_busy =
+            open.last_busy_us.is_some_and(|at_us| has_passed(at_us, now_us, self.parameters.confirm_grace_s));
+        since_busy || has_passed(open.commanded_us, now_us, self.parameters.confirm_timeout_s)
     }
 
     /// Whether a camera with this wiring can say no more.

@@ -26,6 +26,8 @@ use crate::time::has_passed;
 const OVERSPEED_SHARE: f32 = 0.05;
 /// Noise of a speed estimate.
 const OVERSPEED_MPS: f32 = 0.02;
+/// It must do so for this long, and be within the limit again for this long: a gust's push is over by then.
+const OVERSPEED_DWELL_S: f32 = 0.5;
 
 /// The rotator board's logic.
 #[derive(Clone, Debug)]
@@ -44,6 +46,8 @@ pub struct Controller {
     watched: Watched,
     limit: Option<Limit>,
     sampled_us: Option<u64>,
+    /// Since when the speed has been on the other side of the limit.
+    differs_since_us: Option<u64>,
 }
 
 /// States whose changes are events. `None` before the first step.
@@ -87,6 +91,7 @@ impl Controller {
             watched: Watched::default(),
             limit: None,
             sampled_us: None,
+            differs_since_us: None,
             parameters,
         }
     }
@@ -246,16 +251,21 @@ impl Controller {
 
     /// Is the vehicle faster than allowed?
     fn judge_speed(&mut self, navigation: &Navigation) {
-        let was = self.watched.overspeed == Some(true);
+        let was = *self.watched.overspeed.get_or_insert(false);
         let over = self.limit.zip(navigation.speed_mps).is_some_and(|(limit, speed_mps)| {
             let begins_mps = limit.speed_mps * (1.0 + OVERSPEED_SHARE) + OVERSPEED_MPS;
             speed_mps > begins_mps || was && speed_mps > limit.speed_mps
         });
-        if self.watched.overspeed.is_none() {
-            self.watched.overspeed = Some(false);
+        if over == was {
+            self.differs_since_us = None;
+            return;
         }
-        let events = [EventKind::OverspeedEnded, EventKind::OverspeedBegan];
-        self.note(|watched| &mut watched.overspeed, over, events);
+        let since_us = *self.differs_since_us.get_or_insert(self.now_us);
+        if self.limit.is_none() || has_passed(since_us, self.now_us, OVERSPEED_DWELL_S) {
+            self.differs_since_us = None;
+            let events = [EventKind::OverspeedEnded, EventKind::OverspeedBegan];
+            self.note(|watched| &mut watched.overspeed, over, events);
+        }
     }
 
     /// Writes the periodic samples.

@@ -199,6 +199,46 @@ fn without_position_the_flight_goes_on_at_the_worst_places_limit() {
 }
 
 #[test]
+fn flying_too_fast_is_told_once_and_a_gust_is_not_told_at_all() {
+    let mut toy = Toy::new(parameters(SpeedBound::TwoViews), 12);
+    toy.fly(10.0);
+    toy.faults.push_mps = 0.2;
+    toy.fly(0.3);
+    toy.faults.push_mps = 0.0;
+    toy.fly(5.0);
+    assert!(!toy.events().contains(&EventKind::OverspeedBegan));
+    toy.faults.push_mps = 0.2;
+    toy.fly(5.0);
+    assert!(toy.outputs.display.overspeed);
+    assert!(toy.tags().last().unwrap().flags.contains(TagFlags::OVERSPEED));
+    toy.faults.push_mps = 0.0;
+    toy.fly(10.0);
+    let count = |kind| toy.events().iter().filter(|event| **event == kind).count();
+    assert_eq!((count(EventKind::OverspeedBegan), count(EventKind::OverspeedEnded)), (1, 1));
+}
+
+#[test]
+fn a_photo_that_was_not_stored_is_noticed_when_the_camera_falls_idle() {
+    let mut parameters = parameters(SpeedBound::TwoViews);
+    parameters.shutter.wiring = CaptureWiring::Confirm;
+    let mut toy = Toy::new(parameters, 13);
+    toy.faults.unstored = 1.0;
+    while !toy.events().iter().any(|event| matches!(event, EventKind::Missed { .. })) {
+        assert!(toy.now_us < 20_000_000, "never noticed");
+        let inputs = toy.inputs();
+        toy.give(&inputs);
+    }
+    let waited_us = toy.now_us - toy.presses_us[0];
+    assert!(
+        (1_100_000..1_400_000).contains(&waited_us),
+        "busy for 0.7 s and 0.5 s of grace, noticed after {waited_us} us"
+    );
+    assert!(
+        toy.events().iter().any(|event| matches!(event, EventKind::Missed { reason: MissReason::NeverConfirmed, .. }))
+    );
+}
+
+#[test]
 fn stopping_within_an_exposure_still_writes_its_tag() {
     let mut toy = Toy::new(parameters(SpeedBound::OneView), 8);
     while toy.presses_us.len() < 3 {

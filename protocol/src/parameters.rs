@@ -147,6 +147,8 @@ pub struct ShutterParameters {
     pub busy_timeout_s: f32,
     /// Longest time from the shutter's command to the count of stored photos going up.
     pub confirm_timeout_s: f32,
+    /// Longest time from the end of busy to the count of stored photos going up.
+    pub confirm_grace_s: f32,
     /// How often a missed photo is repeated at the same angle.
     pub retries: u8,
     /// Captures missed in a row after which the camera counts as dead (mode Fault).
@@ -178,6 +180,8 @@ impl Default for ShutterParameters {
             busy_timeout_s: 3.0,
             // As long as the camera may be busy.
             confirm_timeout_s: 3.0,
+            // The camera counts when it has written; a slow status poll lies between.
+            confirm_grace_s: 0.5,
             // Two: a third failure is no accident.
             retries: 2,
             // Three angles in a row, each with two retries.

@@ -37,6 +37,8 @@ pub(crate) struct Faults {
     pub(crate) unstored: f32,
     /// Does the shaft stand still?
     pub(crate) jammed: bool,
+    /// Flies this much faster than allowed.
+    pub(crate) push_mps: f32,
     /// Do the range sensors fall silent after this time?
     pub(crate) blind_after_s: Option<f32>,
 }
@@ -128,13 +130,14 @@ impl Toy {
         }
         let allowed_mps = self.outputs.speed_limit_mps.unwrap_or(0.0);
         self.speed_mps += (allowed_mps - self.speed_mps) * TICK_S / 0.2;
-        self.x_m += self.speed_mps * TICK_S;
+        let speed_mps = self.speed_mps + self.faults.push_mps;
+        self.x_m += speed_mps * TICK_S;
         self.count += 1;
         Inputs {
             ranges: self.ranges(),
             shaft_encoder_rad: Some(self.shaft_rad % core::f32::consts::TAU),
             odometer_m: Some(self.x_m),
-            speed_mps: Some(self.speed_mps),
+            speed_mps: Some(speed_mps),
             camera: CameraStatus { busy, photos_stored: self.stored },
             autopilot_alive: true,
             command: match self.outputs.mode {

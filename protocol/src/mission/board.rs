@@ -61,6 +61,7 @@ fn shutter(mut section: Section<'_>) -> ShutterParameters {
         min_interval_s: section.single_or("min_interval_s", DURATION, default.min_interval_s),
         busy_timeout_s: section.single_or("busy_timeout_s", DURATION, default.busy_timeout_s),
         confirm_timeout_s: section.single_or("confirm_timeout_s", DURATION, default.confirm_timeout_s),
+        confirm_grace_s: section.single_or("confirm_grace_s", DURATION, default.confirm_grace_s),
         retries: byte(&mut section, "retries", 0, default.retries),
         misses_to_fault: byte(&mut section, "misses_to_fault", 1, default.misses_to_fault),
         light_level: section.single_or("light_level", LEVEL, default.light_level),

@@ -17,7 +17,8 @@ pub struct FlightPlan {
     pub max_speed_mps: f64,
     /// Time from a new limit to the vehicle flying it, `latency_s`.
     pub latency_s: f64,
-    /// Largest allowed distance from the axis, sideways and vertically, `offset_max_m`.
+    /// Largest allowed distance from the axis, sideways and vertically, `offset_max_m`; default 0.5 m, in small tunnels a
+    /// third of the way from the axis to the nearest wall.
     pub offset_max_m: f64,
     /// Expected time between images, `image_period_s`.
     pub image_period_s: f64,
@@ -43,8 +44,8 @@ impl FlightPlan {
     }
 }
 
-/// Reads the table.
-pub(super) fn read(mut section: Section<'_>) -> Option<FlightPlan> {
+/// Reads the table. `clearance_m`: from the axis to the nearest wall, where the tunnel is known.
+pub(super) fn read(mut section: Section<'_>, clearance_m: Option<f64>) -> Option<FlightPlan> {
     let default = SpeedParameters::default();
     // Widened by way of decimal digits, so that 0.9 stays 0.9.
     let wide = |value: f32| (f64::from(value) * 1e6).round() / 1e6;
@@ -64,13 +65,17 @@ pub(super) fn read(mut section: Section<'_>) -> Option<FlightPlan> {
         offset_max_m: section.number_or(
             "offset_max_m",
             Quantity::new(Unit::Metre, 0.0, 10.0),
-            wide(default.offset_max_m),
+            clearance_m.map_or(f64::INFINITY, |clearance_m| clearance_m / 3.0).min(wide(default.offset_max_m)),
         ),
         image_period_s: section.number_or("image_period_s", seconds(0.05, 60.0), wide(default.image_period_s)),
         battery_s: section.maybe_number("battery_s", seconds(30.0, 36_000.0)),
         card_gb: section.maybe_number("card_gb", Quantity::new(Unit::Plain, 0.1, 10_000.0)),
         photo_mb: section.number_or("photo_mb", Quantity::new(Unit::Plain, 0.05, 500.0), 5.0),
     };
+    if let Some(clearance_m) = clearance_m.filter(|clearance_m| plan.offset_max_m >= *clearance_m) {
+        let expected = format!("less than the {clearance_m:.3} m from the axis to the nearest wall");
+        section.complain("offset_max_m", plan.offset_max_m.to_string(), expected);
+    }
     section.finish();
     length_m.map(|_| plan)
 }

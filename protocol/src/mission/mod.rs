@@ -83,7 +83,12 @@ impl Default for Sigma {
     }
 }
 
-/// What the board holds beyond the survey and the flight plan, as its parameters name it.
+/// What the board holds beyond the survey and the flight plan: the tables `[board.shaft]`, `[board.shutter]`,
+/// `[board.ranges]` and `[board.log]`.
+///
+/// Keys are the fields of the parameters; angles are in degrees (`slew_deg_per_s`, `settle_tolerance_deg`). In
+/// `[board.ranges]`, `up`, `right`, `down`, `left` and `head` say which sensors are fitted (default: the first four), and
+/// `lever_up_m = [y, z]` and its like say where; `sigma_m` is by default the survey's `range_m`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BoardPlan {
     /// The shaft's servo and encoder.
@@ -141,7 +146,8 @@ impl Mission {
         let mut root = Section::new(&collector, "", None, Some(document.get_ref()));
         check_format(&mut root);
         let survey = survey::read(&mut root);
-        let flight = root.section("flight", true).and_then(flight::read);
+        let clearance_m = survey.as_ref().and_then(|survey| survey::clearance_m(&survey.profile));
+        let flight = root.section("flight", true).and_then(|section| flight::read(section, clearance_m));
         let board = board::read(root.section_or_empty("board"), survey.as_ref());
         root.skip("simulation");
         root.finish();

@@ -159,11 +159,8 @@ fn rig(mut section: Section<'_>, tunnel: Option<&ProfileSpec<f64>>) -> Option<Ri
     let lever_radial_m = section.number_or("lever_radial_m", LEVER, 0.0);
     let lever_forward_m = section.number_or("lever_forward_m", LEVER, 0.0);
     let mount = section.numbers("mount_rotvec_deg", SMALL_ANGLE, Some(3)).unwrap_or_else(|| vec![0.0; 3]);
-    let clearance_m = tunnel.and_then(|spec| spec.build().ok()?.nearest(nalgebra::Vector2::zeros()));
-    if let Some(nearest) = clearance_m
-        && lever_radial_m >= nearest.clearance_m
-    {
-        let expected = format!("less than the {:.3} m from the axis to the nearest wall", nearest.clearance_m);
+    if let Some(clearance_m) = tunnel.and_then(clearance_m).filter(|clearance_m| lever_radial_m >= *clearance_m) {
+        let expected = format!("less than the {clearance_m:.3} m from the axis to the nearest wall");
         section.complain("lever_radial_m", lever_radial_m.to_string(), expected);
     }
     section.finish();
@@ -174,6 +171,11 @@ fn rig(mut section: Section<'_>, tunnel: Option<&ProfileSpec<f64>>) -> Option<Ri
         lever_forward_m,
         mount_rotvec_rad: <[f64; 3]>::try_from(mount).ok()?.map(f64::to_radians),
     })
+}
+
+/// From the axis to the nearest wall.
+pub(super) fn clearance_m(spec: &ProfileSpec<f64>) -> Option<f64> {
+    Some(spec.build().ok()?.nearest(nalgebra::Vector2::zeros())?.clearance_m)
 }
 
 fn sigma(mut section: Section<'_>) -> Sigma {

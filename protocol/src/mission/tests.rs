@@ -163,6 +163,18 @@ fn a_mission_reads_and_fills_the_parameters() {
 }
 
 #[test]
+fn the_offset_allowed_fits_the_tunnel() {
+    let small = SURVEY.replace("radius_m = 3.0", "radius_m = 0.6");
+    let mission = Mission::from_toml(&format!("{small}{FLIGHT}")).unwrap_or_else(|error| panic!("{error}"));
+    assert!((mission.flight.offset_max_m - 0.2).abs() < 1e-12);
+    let found = problems(&format!("{small}{FLIGHT}offset_max_m = 0.6\n"));
+    assert_eq!(
+        found,
+        ["line 21: flight.offset_max_m: found 0.6; expected less than the 0.600 m from the axis to the nearest wall"]
+    );
+}
+
+#[test]
 fn an_unknown_table_and_a_wrong_board_key_are_refused() {
     let found = problems(&format!("{SURVEY}{FLIGHT}[bord]\nx = 1\n[board.shaft]\nslew_rad = 1\n"));
     assert_eq!(found.len(), 2, "{found:#?}");
