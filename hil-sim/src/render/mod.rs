@@ -6,6 +6,7 @@
 //! in water, no depth of field.
 
 pub mod card;
+mod cell;
 mod config;
 mod exif;
 mod light;
@@ -14,6 +15,7 @@ mod rays;
 mod sensor;
 pub mod truth;
 mod vehicle;
+mod view;
 
 pub use config::{LightConfig, LightMount, RenderConfig, RenderError, SensorConfig, VehiclePartConfig};
 pub use exif::ExifTime;

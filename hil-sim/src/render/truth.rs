@@ -197,7 +197,7 @@ mod tests {
     struct Ramp;
 
     impl Paint for Ramp {
-        fn albedo(&self, patch: &Patch) -> [f32; 3] {
+        fn mean_albedo(&self, patch: &Patch, _: &[Patch]) -> [f32; 3] {
             [(patch.s_m / 10.0) as f32, (patch.x_m / 10.0) as f32, 0.2]
         }
     }

@@ -90,6 +90,11 @@ impl Relief {
             + self.bulges.iter().map(|bulge| bulge.height_m.abs()).sum::<f64>()
     }
 
+    /// Returns the number of the ring at a station; 0 everywhere if rings do not differ.
+    pub fn ring_of(&self, x_m: f64) -> i64 {
+        self.ring.map_or(0, |ring| (x_m / ring.length_m).floor() as i64)
+    }
+
     /// Returns the station of the ring joint that a ray at `x_m` meets next when it moves in the sense of `direction_x`.
     pub fn next_joint_x_m(&self, x_m: f64, direction_x: f64) -> Option<f64> {
         let ring = self.ring?;
@@ -110,7 +115,7 @@ impl Relief {
             sum.d_s -= self.ovality_m * waves * sin;
         }
         if let Some(ring) = self.ring {
-            let bits = noise::lattice_bits(ring.seed, (x_m / ring.length_m).floor() as i64, 0);
+            let bits = noise::lattice_bits(ring.seed, self.ring_of(x_m), 0);
             sum.height_m += ring.step_m * f64::from(noise::signed_unit(bits));
         }
         if let Some(u) = self.undulation {

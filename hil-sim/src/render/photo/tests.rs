@@ -1,18 +1,25 @@
 use adit_geometry::camera::Distortion;
 use adit_geometry::profile::ProfileSpec;
 use adit_geometry::rig::{ImageUp, Rig, attitude};
-use nalgebra::Vector2;
+use nalgebra::{Point3, Vector2};
 
 use super::*;
+use crate::render::cell::shortest_way;
 use crate::render::{LightConfig, SensorConfig, VehiclePartConfig};
-use crate::scene::paint::linear_of_srgb;
+use crate::scene::paint::{Patch, Rgb, linear_of_srgb};
 use crate::scene::{BulgeConfig, LiningPaint, TextureConfig, WallConfig};
 
 /// Light dots of 25 mm radius on black, at the given `[s, x]`.
 struct Dots(Vec<[f64; 2]>);
 
 impl Paint for Dots {
-    fn albedo(&self, patch: &Patch) -> Rgb {
+    fn mean_albedo(&self, _: &Patch, samples: &[Patch]) -> Rgb {
+        [samples.iter().map(|sample| self.brightness(sample)).sum::<f32>() / samples.len() as f32; 3]
+    }
+}
+
+impl Dots {
+    fn brightness(&self, patch: &Patch) -> f32 {
         let perimeter_m = circle().perimeter_m();
         let nearest_m = self
             .0
@@ -21,7 +28,7 @@ impl Paint for Dots {
             .fold(f64::INFINITY, f64::min);
         let size_m = f64::from(patch.size_s_m.max(patch.size_x_m));
         // Grey enough not to saturate: clipping would favour the edges.
-        [0.3 * ((0.025 - nearest_m) / size_m + 0.5).clamp(0.0, 1.0) as f32; 3]
+        0.3 * ((0.025 - nearest_m) / size_m + 0.5).clamp(0.0, 1.0) as f32
     }
 }
 
@@ -29,7 +36,7 @@ impl Paint for Dots {
 struct White;
 
 impl Paint for White {
-    fn albedo(&self, _: &Patch) -> Rgb {
+    fn mean_albedo(&self, _: &Patch, _: &[Patch]) -> Rgb {
         [0.6; 3]
     }
 }

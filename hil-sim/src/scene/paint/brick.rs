@@ -1,7 +1,7 @@
 //! Brick lining: stretchers along the tunnel in half bond, every brick fired a little differently.
 
-use super::lattice::{Octave, around, cell, even_count, hash, share_in_joint, signed, smooth_step, unit};
-use super::{Paint, Patch, Rgb, blend, linear_of_srgb, scale};
+use super::lattice::{Octave, Octaves, around, cell, even_count, hash, share_in_joint, signed, smooth_step, unit};
+use super::{Paint, Patch, Rgb, blend, linear_of_srgb, mean, scale};
 
 /// Length of a brick with its joint (215 + 10 mm, the British standard format).
 const BRICK_PITCH_M: f64 = 0.225;
@@ -17,8 +17,8 @@ pub(super) struct Brick {
     courses: i32,
     course_pitch_m: f64,
     wobble: [Octave; 2],
-    grain: [(Octave, f32); 4],
-    stain: [(Octave, f32); 3],
+    grain: Octaves<4>,
+    stain: Octaves<3>,
     bloom: Octave,
     damp: Octave,
     fired: [Rgb; 5],
@@ -35,13 +35,13 @@ impl Brick {
             courses,
             course_pitch_m,
             wobble: [octave(1, 0.05), octave(2, 0.05)],
-            grain: [
+            grain: Octaves([
                 (octave(3, 0.004), 0.16),
                 (octave(4, 0.010), 0.15),
                 (octave(5, 0.024), 0.13),
                 (octave(6, 0.06), 0.10),
-            ],
-            stain: [(octave(7, 0.21), 0.12), (octave(8, 0.7), 0.14), (octave(9, 2.3), 0.16)],
+            ]),
+            stain: Octaves([(octave(7, 0.21), 0.12), (octave(8, 0.7), 0.14), (octave(9, 2.3), 0.16)]),
             bloom: octave(10, 0.55),
             damp: Octave::stretched(seed, 11, perimeter_m, 1.4, 0.35),
             fired: [[150, 82, 62], [134, 66, 52], [168, 104, 76], [112, 58, 50], [178, 122, 92]].map(linear_of_srgb),
@@ -69,25 +69,27 @@ impl Brick {
 }
 
 impl Paint for Brick {
-    fn albedo(&self, patch: &Patch) -> Rgb {
-        let s_m = patch.s_m + f64::from(WOBBLE_M * self.wobble[0].at(patch));
-        let x_m = patch.x_m + f64::from(WOBBLE_M * self.wobble[1].at(patch));
-        let (course, from_course_m) = cell(s_m, self.course_pitch_m);
-        let course = around(course, self.courses);
-        let bond_m = if course % 2 == 0 { 0.0 } else { 0.5 * BRICK_PITCH_M };
-        let (column, from_middle_m) = cell(x_m + bond_m, BRICK_PITCH_M);
-        let bed = share_in_joint(from_course_m, patch.size_s_m, self.course_pitch_m as f32, JOINT_M);
-        let head = share_in_joint(from_middle_m, patch.size_x_m, BRICK_PITCH_M as f32, JOINT_M);
-        let mortar = 1.0 - (1.0 - bed) * (1.0 - head);
-
-        let grain: f32 = self.grain.iter().map(|(octave, amplitude)| amplitude * octave.at(patch)).sum();
-        let stain: f32 = self.stain.iter().map(|(octave, amplitude)| amplitude * octave.at(patch)).sum();
-        let brick = scale(self.brick_colour(course, column), 1.0 + 1.5 * grain);
-        let joint = scale(self.mortar, 1.0 + grain);
-        let mut colour = blend(brick, joint, mortar);
-        let bloom = smooth_step(0.25, 0.8, self.bloom.at(patch) + grain);
-        colour = blend(colour, self.lime, 0.45 * bloom);
-        let damp = smooth_step(0.2, 0.7, self.damp.at(patch));
-        scale(colour, (1.0 + stain) * (1.0 - 0.35 * damp)).map(|value| value.clamp(0.0, 1.0))
+    fn mean_albedo(&self, whole: &Patch, samples: &[Patch]) -> Rgb {
+        let wobble_s_m = f64::from(WOBBLE_M * self.wobble[0].at(whole));
+        let wobble_x_m = f64::from(WOBBLE_M * self.wobble[1].at(whole));
+        let coarse_grain = self.grain.coarse(whole);
+        let stain = self.stain.coarse(whole) + self.stain.fine(whole, whole);
+        let bloom = self.bloom.at(whole);
+        let damp = smooth_step(0.2, 0.7, self.damp.at(whole));
+        let tone = (1.0 + stain) * (1.0 - 0.35 * damp);
+        mean(samples, |sample| {
+            let (course, from_course_m) = cell(sample.s_m + wobble_s_m, self.course_pitch_m);
+            let course = around(course, self.courses);
+            let bond_m = if course % 2 == 0 { 0.0 } else { 0.5 * BRICK_PITCH_M };
+            let (column, from_middle_m) = cell(sample.x_m + wobble_x_m + bond_m, BRICK_PITCH_M);
+            let bed = share_in_joint(from_course_m, sample.size_s_m, self.course_pitch_m as f32, JOINT_M);
+            let head = share_in_joint(from_middle_m, sample.size_x_m, BRICK_PITCH_M as f32, JOINT_M);
+            let mortar = 1.0 - (1.0 - bed) * (1.0 - head);
+            let grain = coarse_grain + self.grain.fine(whole, sample);
+            let brick = scale(self.brick_colour(course, column), 1.0 + 1.5 * grain);
+            let joint = scale(self.mortar, 1.0 + grain);
+            let lime = 0.45 * smooth_step(0.25, 0.8, bloom + grain);
+            scale(blend(blend(brick, joint, mortar), self.lime, lime), tone)
+        })
     }
 }

@@ -37,28 +37,64 @@ impl Octave {
     pub(super) fn at(&self, patch: &Patch) -> f32 {
         // Value noise with cells c holds little above the frequency 1/c; a patch of size p averages out what is
         // above 1/p.
-        let weight = self.cell_m / patch.size_s_m.max(patch.size_x_m) - 0.5;
+        let weight = self.cell_m / patch.size_m() - 0.5;
         if weight <= 0.0 {
             return 0.0;
         }
         self.full(patch.s_m, patch.x_m) * weight.min(1.0)
     }
 
+    /// Tells whether the noise hardly changes within a patch, so that its middle stands for the whole.
+    fn is_coarse(&self, patch: &Patch) -> bool {
+        self.cell_m >= COARSE_CELLS * patch.size_m()
+    }
+
     /// The noise without regard to the patch, for structures larger than any patch.
     pub(super) fn full(&self, s_m: f64, x_m: f64) -> f32 {
-        let (column, row) = (s_m * self.per_s_m, x_m * self.per_x_m);
-        let (c0, r0) = (column.floor(), row.floor());
-        let (u, v) = ((column - c0) as f32, (row - r0) as f32);
+        let (c0, u) = split(s_m * self.per_s_m);
+        let (below, v) = split(x_m * self.per_x_m);
         let (fu, fv) = (fade(u), fade(v));
-        let left = wrap(c0 as i32, self.cells);
+        let left = wrap(c0, self.cells);
         let right = if left + 1 == self.cells { 0 } else { left + 1 };
-        let below = r0 as i32;
-        let corner = |column: i32, row: i32| signed(hash(self.seed, column, row));
+        // A column's bits are mixed once and serve both of its corners.
+        let (left, right) = (hash(self.seed, left, 0), hash(self.seed, right, 0));
+        let corner = |column: u32, row: i32| {
+            let bits = (column ^ (row as u32).wrapping_mul(0x9e37_79b1)).wrapping_mul(0x7feb_352d);
+            signed((bits ^ (bits >> 15)).wrapping_mul(0x846c_a68b))
+        };
         let (a, b) = (corner(left, below), corner(right, below));
         let (c, d) = (corner(left, below + 1), corner(right, below + 1));
         let (low, high) = (a + (b - a) * fu, c + (d - c) * fu);
         low + (high - low) * fv
     }
+}
+
+/// Octaves with cells of at least so many patch sizes are evaluated once per patch.
+const COARSE_CELLS: f32 = 4.0;
+
+/// Weighted octaves, finest first, in two parts: what changes within a patch and what does not.
+#[derive(Clone, Debug)]
+pub(super) struct Octaves<const N: usize>(pub(super) [(Octave, f32); N]);
+
+impl<const N: usize> Octaves<N> {
+    /// Sum of the octaves that hardly change within `whole`.
+    pub(super) fn coarse(&self, whole: &Patch) -> f32 {
+        let coarse = self.0.iter().filter(|(octave, _)| octave.is_coarse(whole));
+        coarse.map(|(octave, amplitude)| amplitude * octave.at(whole)).sum()
+    }
+
+    /// Sum of the octaves that [`Self::coarse`] leaves out, at a sample within `whole`.
+    pub(super) fn fine(&self, whole: &Patch, sample: &Patch) -> f32 {
+        let fine = self.0.iter().filter(|(octave, _)| !octave.is_coarse(whole));
+        fine.map(|(octave, amplitude)| amplitude * octave.at(sample)).sum()
+    }
+}
+
+/// Whole and fractional part, rounding down; without the library call that `floor` is on baseline x86-64.
+fn split(value: f64) -> (i32, f32) {
+    let truncated = value as i32;
+    let whole = truncated - i32::from(value < f64::from(truncated));
+    (whole, (value - f64::from(whole)) as f32)
 }
 
 fn wrap(value: i32, count: i32) -> i32 {
@@ -97,8 +133,8 @@ pub(super) fn share_within(centre_m: f32, size_m: f32, from_m: f32, to_m: f32) -
 
 /// Place within a regular grid of cells: the cell's number and the distance from its centre.
 pub(super) fn cell(place_m: f64, pitch_m: f64) -> (i32, f32) {
-    let number = (place_m / pitch_m).floor();
-    (number as i32, (place_m - (number + 0.5) * pitch_m) as f32)
+    let (number, share) = split(place_m / pitch_m);
+    (number, (share - 0.5) * pitch_m as f32)
 }
 
 /// Share of a patch that lies in the joints of width `joint_m` between cells of a regular grid.
@@ -124,5 +160,5 @@ pub(super) fn even_count(perimeter_m: f64, pitch_m: f64) -> (i32, f64) {
 
 /// Brings a cell number into one turn.
 pub(super) fn around(number: i32, count: i32) -> i32 {
-    number.rem_euclid(count)
+    wrap(number, count)
 }

@@ -42,10 +42,35 @@ pub struct Patch {
     pub size_x_m: f32,
 }
 
+impl Patch {
+    /// The larger of its sizes.
+    fn size_m(&self) -> f32 {
+        self.size_s_m.max(self.size_x_m)
+    }
+}
+
 /// Anything that can say what colour the wall has.
 pub trait Paint: Send + Sync {
-    /// Returns the mean albedo of a patch.
-    fn albedo(&self, patch: &Patch) -> Rgb;
+    /// Returns the mean albedo of `whole`, judged by equal samples in it.
+    ///
+    /// Edges and fine grain are taken at each of the samples, coarse tones once in the middle of `whole`.
+    fn mean_albedo(&self, whole: &Patch, samples: &[Patch]) -> Rgb;
+
+    /// Returns the mean albedo of a patch by a single sample.
+    fn albedo(&self, patch: &Patch) -> Rgb {
+        self.mean_albedo(patch, std::slice::from_ref(patch))
+    }
+}
+
+/// Mean of a colour over samples.
+fn mean(samples: &[Patch], colour: impl Fn(&Patch) -> Rgb) -> Rgb {
+    let mut sum = [0.0; 3];
+    for sample in samples {
+        for (sum, value) in sum.iter_mut().zip(colour(sample)) {
+            *sum += value.clamp(0.0, 1.0);
+        }
+    }
+    sum.map(|value| value / samples.len() as f32)
 }
 
 /// Kinds of lining.
@@ -128,14 +153,14 @@ impl LiningPaint {
 }
 
 impl Paint for LiningPaint {
-    fn albedo(&self, patch: &Patch) -> Rgb {
-        let s_m = patch.s_m.rem_euclid(self.perimeter_m);
+    fn mean_albedo(&self, whole: &Patch, samples: &[Patch]) -> Rgb {
         let index = if self.paints.len() == 1 {
             0
         } else {
+            let s_m = whole.s_m.rem_euclid(self.perimeter_m);
             self.pieces.iter().rev().find(|(start_s_m, _)| *start_s_m <= s_m).map_or(0, |(_, index)| *index)
         };
-        self.paints.get(index).map_or([0.5; 3], |paint| paint.albedo(&Patch { s_m, ..*patch }))
+        self.paints.get(index).map_or([0.5; 3], |paint| paint.mean_albedo(whole, samples))
     }
 }
 

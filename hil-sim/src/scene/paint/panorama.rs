@@ -1,18 +1,20 @@
 //! A picture as of a panorama photo: sky, foliage and ground in patches, house fronts with windows, all scales.
 
-use super::lattice::{Octave, around, cell, even_count, hash, share_in_joint, signed, smooth_step, unit};
-use super::{Paint, Patch, Rgb, blend, linear_of_srgb, scale};
+use super::lattice::{Octave, Octaves, around, cell, even_count, hash, share_in_joint, signed, smooth_step, unit};
+use super::{Paint, Patch, Rgb, blend, linear_of_srgb, mean, scale};
 
 /// Width of a house front.
 const HOUSE_X_M: f64 = 1.7;
 /// Height of a house front.
 const HOUSE_S_M: f64 = 2.1;
+/// Share of the lots that are built on.
+const BUILT_SHARE: f32 = 0.62;
 
 pub(super) struct Panorama {
     seed: u32,
     houses: i32,
     house_s_m: f64,
-    octaves: [Octave; 10],
+    octaves: Octaves<10>,
     hue: [Octave; 2],
     kind: Octave,
     scenery: [Rgb; 4],
@@ -28,13 +30,14 @@ impl Panorama {
         let mut stream = 0;
         let octaves = cells_m.map(|cell_m| {
             stream += 1;
-            Octave::new(seed, stream, perimeter_m, cell_m)
+            // Amplitudes grow slowly with size, as in photographs.
+            (Octave::new(seed, stream, perimeter_m, cell_m), 0.14 + 0.02 * stream as f32)
         });
         Self {
             seed: seed as u32,
             houses,
             house_s_m,
-            octaves,
+            octaves: Octaves(octaves),
             hue: [Octave::new(seed, 21, perimeter_m, 0.6), Octave::new(seed, 22, perimeter_m, 1.9)],
             kind: Octave::new(seed, 23, perimeter_m, 2.7),
             scenery: [[122, 156, 196], [72, 98, 52], [142, 122, 94], [208, 206, 200]].map(linear_of_srgb),
@@ -45,18 +48,9 @@ impl Panorama {
         }
     }
 
-    /// Sum of all octaves with amplitudes that grow slowly with their size, as in photographs.
-    fn roughness(&self, patch: &Patch) -> f32 {
-        let mut sum = 0.0;
-        for (index, octave) in self.octaves.iter().enumerate() {
-            sum += (0.16 + 0.02 * index as f32) * octave.at(patch);
-        }
-        sum
-    }
-
-    fn scenery(&self, patch: &Patch, rough: f32) -> Rgb {
-        let first = smooth_step(-0.5, 0.5, 1.4 * self.hue[0].at(patch) + 0.4 * rough);
-        let second = smooth_step(-0.4, 0.4, 1.4 * self.hue[1].at(patch) + 0.3 * rough);
+    fn scenery(&self, hue: [f32; 2], rough: f32) -> Rgb {
+        let first = smooth_step(-0.5, 0.5, 1.4 * hue[0] + 0.4 * rough);
+        let second = smooth_step(-0.4, 0.4, 1.4 * hue[1] + 0.3 * rough);
         let near = blend(self.scenery[1], self.scenery[2], first);
         let far = blend(self.scenery[0], self.scenery[3], first);
         scale(blend(near, far, second), 1.0 + 0.8 * rough)
@@ -81,34 +75,38 @@ impl Panorama {
         let framed = blend(wall, self.frame, 0.8 * window(0.0));
         blend(framed, pane, window(0.12))
     }
-}
 
-impl Paint for Panorama {
-    fn albedo(&self, patch: &Patch) -> Rgb {
-        let rough = self.roughness(patch);
-        let scenery = self.scenery(patch, rough);
+    fn colour(&self, patch: &Patch, hue: [f32; 2], kind: f32, rough: f32) -> Rgb {
+        let scenery = self.scenery(hue, rough);
         let (house, from_house_m) = cell(patch.s_m, self.house_s_m);
         let house = around(house, self.houses);
         let shift_m = f64::from(unit(hash(self.seed, house, -1))) * HOUSE_X_M;
         let (plot, from_plot_m) = cell(patch.x_m + shift_m, HOUSE_X_M);
         let bits = hash(self.seed ^ 0x0b17, house, plot);
-        let built = if unit(bits) < 0.62 {
-            // Fronts differ in height and width; foliage may overgrow them.
-            let height_m = self.house_s_m as f32 * (0.55 + 0.35 * unit(bits.rotate_left(9)));
-            let width_m = HOUSE_X_M as f32 * (0.6 + 0.35 * unit(bits.rotate_left(17)));
-            let across =
-                share_in_joint(from_house_m, patch.size_s_m, self.house_s_m as f32, self.house_s_m as f32 - height_m);
-            let along = share_in_joint(from_plot_m, patch.size_x_m, HOUSE_X_M as f32, HOUSE_X_M as f32 - width_m);
-            (1.0 - across) * (1.0 - along) * (1.0 - smooth_step(0.25, 0.45, self.kind.at(patch) + 0.35 * rough))
-        } else {
-            0.0
-        };
-        let colour = if built > 0.0 {
-            let front = self.front(patch, (house, from_house_m), (plot, from_plot_m), rough);
-            blend(scenery, front, built)
-        } else {
-            scenery
-        };
-        colour.map(|value| value.clamp(0.01, 1.0))
+        if unit(bits) > BUILT_SHARE {
+            return scenery;
+        }
+        // Fronts differ in height and width; foliage may overgrow them.
+        let (lot_s_m, lot_x_m) = (self.house_s_m as f32, HOUSE_X_M as f32);
+        let height_m = lot_s_m * (0.55 + 0.35 * unit(bits.rotate_left(9)));
+        let width_m = lot_x_m * (0.6 + 0.35 * unit(bits.rotate_left(17)));
+        let across = share_in_joint(from_house_m, patch.size_s_m, lot_s_m, lot_s_m - height_m);
+        let along = share_in_joint(from_plot_m, patch.size_x_m, lot_x_m, lot_x_m - width_m);
+        let free = 1.0 - smooth_step(0.25, 0.45, kind + 0.35 * rough);
+        let built = (1.0 - across) * (1.0 - along) * free;
+        if built <= 0.0 {
+            return scenery;
+        }
+        blend(scenery, self.front(patch, (house, from_house_m), (plot, from_plot_m), rough), built)
+    }
+}
+
+impl Paint for Panorama {
+    fn mean_albedo(&self, whole: &Patch, samples: &[Patch]) -> Rgb {
+        let coarse = self.octaves.coarse(whole);
+        let hue = [self.hue[0].at(whole), self.hue[1].at(whole)];
+        let kind = self.kind.at(whole);
+        mean(samples, |sample| self.colour(sample, hue, kind, coarse + self.octaves.fine(whole, sample)))
+            .map(|value| value.max(0.01))
     }
 }

@@ -8,7 +8,7 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use super::{Paint, Patch, Rgb, blend, linear_of_srgb};
+use super::{Paint, Patch, Rgb, blend, linear_of_srgb, mean};
 
 /// The picture for `pattern = "photo"`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -103,7 +103,14 @@ impl PhotoTexture {
 }
 
 impl Paint for PhotoTexture {
-    fn albedo(&self, patch: &Patch) -> Rgb {
+    fn mean_albedo(&self, _: &Patch, samples: &[Patch]) -> Rgb {
+        mean(samples, |sample| self.interpolated(sample))
+    }
+}
+
+impl PhotoTexture {
+    /// Between the two nearest levels of the pyramid.
+    fn interpolated(&self, patch: &Patch) -> Rgb {
         let (u, v) = ((patch.s_m - self.s0_m) / self.pixel_s_m, (patch.x_m - self.x0_m) / self.pixel_x_m);
         let pixels = (f64::from(patch.size_s_m) / self.pixel_s_m).max(f64::from(patch.size_x_m) / self.pixel_x_m);
         let level = (pixels.log2() as f32).clamp(0.0, (self.levels.len() - 1) as f32);

@@ -148,6 +148,16 @@ impl Wall {
         best
     }
 
+    /// Tells whether the lining between two stations belongs to one ring, so that no joint's step lies between.
+    pub fn same_ring(&self, x_m: f64, other_x_m: f64) -> bool {
+        self.relief.ring_of(x_m) == self.relief.ring_of(other_x_m)
+    }
+
+    /// Tells whether a pipe comes within `reach` (per unit of distance) of the ray.
+    pub fn pipe_near(&self, origin: Point3<f64>, direction: Vector3<f64>, reach: f64) -> bool {
+        self.pipes.iter().any(|pipe| pipe.is_near(origin, direction, reach))
+    }
+
     fn cast_lining(&self, ray: &Ray) -> Option<WallHit> {
         let nominal = self.profile.ray_cast(ray.origin.coords.yz(), ray.direction.yz())?;
         let distance = if self.relief.is_flat() { nominal.distance } else { self.march(ray, nominal.distance)? };

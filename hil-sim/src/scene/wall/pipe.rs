@@ -12,6 +12,20 @@ pub(super) struct Pipe {
 }
 
 impl Pipe {
+    /// Tells whether a cone of half-width `reach` (per unit of distance) around the ray may touch the pipe.
+    ///
+    /// The ray's closest approach in the section, where a pipe is a disc; its ends are taken as endless.
+    pub(super) fn is_near(&self, origin: Point3<f64>, direction: Vector3<f64>, reach: f64) -> bool {
+        let to_centre = self.centre - origin.coords.yz();
+        let along = direction.yz();
+        let speed_squared = along.norm_squared();
+        let t = to_centre.dot(&along) / speed_squared;
+        if !(t > 0.0) {
+            return to_centre.norm() <= self.radius_m;
+        }
+        (to_centre - along * t).norm() <= self.radius_m + reach * t * direction.norm()
+    }
+
     /// Distance and outward normal of the first hit.
     pub(super) fn ray_cast(&self, origin: Point3<f64>, direction: Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
         let offset = origin.coords.yz() - self.centre;
