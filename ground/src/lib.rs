@@ -7,6 +7,7 @@
 pub mod adjust;
 pub mod evaluate;
 pub mod matching;
+pub mod model;
 pub mod pipeline;
 pub mod poses;
 pub mod prior;
