@@ -1,5 +1,6 @@
 //! The textured model in the formats that other programs open, made from the panorama's tiles: GLB, OBJ, PLY.
 
+pub mod colmap;
 mod error;
 mod glb;
 mod mesh;
