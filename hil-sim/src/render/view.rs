@@ -49,6 +49,14 @@ struct Corners {
     closing: Vec<Option<Corner>>,
 }
 
+impl Corners {
+    /// Tells whether both ends of a pixel's edge see water: its mirror image is dim, one ray per pixel will do.
+    fn is_water(&self, column: usize) -> bool {
+        let wet = |corner: &Option<Corner>| corner.is_some_and(|corner| corner.surface == Surface::Water);
+        self.opening[column..column + 2].iter().all(wet)
+    }
+}
+
 /// The same piece of the image at the opening and at the closing of the shutter.
 struct CellPair {
     opening: Cell,
@@ -121,7 +129,8 @@ impl<'a> View<'a> {
                 let pixel = [left + column, top + row];
                 light[row * image_width + left + column] = match self.pair([&above, &below], column) {
                     Some(pair) => self.cell_light(&pair, &Window::WHOLE, pixel),
-                    None => self.exact_light(pixel),
+                    None if above.is_water(column) && below.is_water(column) => self.exact_light(pixel, 1),
+                    None => self.exact_light(pixel, usize::from(self.renderer.config.supersampling)),
                 };
             }
             above = below;
@@ -276,10 +285,9 @@ impl<'a> View<'a> {
         albedo.map(|value| value * light)
     }
 
-    /// Every sample with its own ray: at edges, on water, where a lens corner sees nothing.
-    fn exact_light(&self, pixel: [usize; 2]) -> Rgb {
+    /// `n` x `n` samples, each with its own ray: at edges, on water, where a lens corner sees nothing.
+    fn exact_light(&self, pixel: [usize; 2], n: usize) -> Rgb {
         let [column, row] = pixel;
-        let n = usize::from(self.renderer.config.supersampling);
         let count = n * n;
         let rotation = self.time_rotation(pixel);
         let sample_rad = 1.0 / (self.renderer.camera.focal_px[0] * n as f64);

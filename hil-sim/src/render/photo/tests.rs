@@ -158,13 +158,17 @@ fn wall_points_appear_where_the_geometry_crate_projects_them() {
 fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
     let wall = Arc::new(Wall::new(circle(), &WallConfig { water_z_m: Some(2.6), ..rough_wall() }, 3).expect("valid"));
     let texture = TextureConfig::default();
+    let Camera { focal_px, centre_px, .. } = camera();
+    let (focal_px, centre_px) = (focal_px.map(|value| value / 3.0), centre_px.map(|value| value / 3.0));
+    // Neither a whole number of blocks nor of bands.
+    let small = Camera { width_px: 133, height_px: 101, focal_px, centre_px, ..camera() };
     let render = |threads: usize, seed: u64| {
         let paint = LiningPaint::new(wall.profile(), &texture, std::path::Path::new("."), seed).expect("no file");
         let config = RenderConfig {
             vehicle_parts: vec![VehiclePartConfig { from_m: [0.1, 0.2, 0.2], to_m: [0.5, 0.3, 0.6], radius_mm: 15.0 }],
             ..RenderConfig::default()
         };
-        let renderer = PhotoRenderer::new(camera(), 0.03, wall.clone(), Arc::new(paint), &config, seed).expect("valid");
+        let renderer = PhotoRenderer::new(small, 0.03, wall.clone(), Arc::new(paint), &config, seed).expect("valid");
         let (tunnel_from_cam, body) = poses(150.0, ImageUp::Forward);
         let shot = Shot { velocity_mps: Vector3::x(), ..Shot::still(5, tunnel_from_cam, body) };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
