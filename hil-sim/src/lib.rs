@@ -2,6 +2,8 @@
 //! virtual time and leaves what a real flight leaves.
 #![forbid(unsafe_code)]
 
+pub mod card;
+pub mod check;
 pub mod config;
 pub mod faults;
 pub mod flight;

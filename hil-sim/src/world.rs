@@ -30,9 +30,11 @@ pub struct Exposure {
     pub time_s: f64,
     /// Pose of the camera then.
     pub tunnel_from_cam: Isometry3<f64>,
+    /// Pose of the body then.
+    pub tunnel_from_body: Isometry3<f64>,
     /// Velocity of the optical centre in the tunnel frame.
     pub velocity_mps: Vector3<f64>,
-    /// Angular velocity of the camera in the tunnel frame.
+    /// Angular velocity of the camera in the `cam` frame.
     pub angular_velocity_rad_per_s: Vector3<f64>,
     /// True section angle of the shaft in the body frame, over turns.
     pub shaft_rad: f64,
@@ -226,8 +228,9 @@ impl World {
         Exposure {
             time_s: shot.time_s,
             tunnel_from_cam: tunnel_from_body * body_from_cam,
+            tunnel_from_body,
             velocity_mps: state.velocity_mps + tunnel_from_body.rotation * cam_turning_in_body.cross(&lever_in_body),
-            angular_velocity_rad_per_s: tunnel_from_body.rotation * cam_turning_in_body,
+            angular_velocity_rad_per_s: body_from_cam.rotation.inverse() * cam_turning_in_body,
             shaft_rad,
             light_level,
             press: shot.press,

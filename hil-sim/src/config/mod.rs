@@ -15,11 +15,16 @@ pub use plant::{
 };
 
 use crate::faults::Fault;
+use crate::render::RenderConfig;
+use crate::scene::{TextureConfig, WallConfig};
 
 /// The `[simulation]` table.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Simulation {
+    /// The seed, where the command line gives none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// Who flies, and the world's clock.
     pub pilot: PilotConfig,
     /// How this vehicle differs from its drawing.
@@ -43,7 +48,11 @@ pub struct Simulation {
     /// The camera's clock and file numbers.
     pub card: CardConfig,
     /// How the real wall differs from the profile.
-    pub wall: crate::scene::WallConfig,
+    pub wall: WallConfig,
+    /// What is painted on it.
+    pub texture: TextureConfig,
+    /// How photos are taken and written.
+    pub render: RenderConfig,
     /// Faults with their times.
     pub faults: Vec<Fault>,
     /// This many more faults are drawn from the seed.

@@ -278,14 +278,12 @@ impl Default for BuildConfig {
 }
 
 /// `[simulation.card]`: the camera's clock and file numbers.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CardConfig {
     /// Number of the first file, 1 to 9999; after 9999 comes 0001 in the next folder.
     pub first_file: u32,
-    /// Number of the first folder, 100 to 999.
-    pub first_folder: u32,
-    /// What the camera's clock shows when the board starts: seconds since 2000-01-01 00:00.
+    /// What the camera's clock shows when the board starts: seconds since 1970-01-01 00:00 of its own time.
     pub clock_start_s: f64,
     /// How much too fast the camera's clock runs, parts per million.
     pub clock_drift_ppm: f64,
@@ -293,8 +291,8 @@ pub struct CardConfig {
 
 impl Default for CardConfig {
     fn default() -> Self {
-        // 2015-01-01 00:00:12, where a HERO4 starts whose battery was empty.
-        Self { first_file: 1, first_folder: 100, clock_start_s: 473_385_612.3, clock_drift_ppm: 40.0 }
+        // 2015-01-01 00:00:12, where a HERO4 starts whose battery was empty; a watch crystal's drift.
+        Self { first_file: 1, clock_start_s: 1_420_070_412.3, clock_drift_ppm: 40.0 }
     }
 }
 
@@ -401,8 +399,7 @@ impl BuildConfig {
 impl CardConfig {
     pub(super) fn check(&self, to: &mut Checker) {
         to.within("first_file", f64::from(self.first_file), 1.0, 9999.0);
-        to.within("first_folder", f64::from(self.first_folder), 100.0, 998.0);
-        to.within("clock_start_s", self.clock_start_s, 0.0, 3e9);
+        to.within("clock_start_s", self.clock_start_s, 0.0, 4e9);
         to.within("clock_drift_ppm", self.clock_drift_ppm, -10_000.0, 10_000.0);
     }
 }
