@@ -171,6 +171,16 @@ impl BoundTable {
         })
     }
 
+    /// Computes all places within `reach_m` of the axis, so that clones of the table share them.
+    pub fn fill(&mut self, reach_m: f64) {
+        let most = (reach_m / PLACE_GRID_M).ceil() as i32;
+        for y in -most..=most {
+            for z in -most..=most {
+                self.step_m([f64::from(y) * PLACE_GRID_M, f64::from(z) * PLACE_GRID_M]);
+            }
+        }
+    }
+
     /// The longest step per image from about this place.
     pub fn step_m(&mut self, offset_m: [f64; 2]) -> f64 {
         let place = offset_m.map(|offset| (offset / PLACE_GRID_M).round() as i32);
@@ -198,7 +208,7 @@ pub fn check(flight: &Flight, log: &[u8], mission: &Mission, bounds: &mut BoundT
     Report { violations, figures }
 }
 
-fn scanning(moment: &&Moment) -> bool {
+fn scanning(moment: &Moment) -> bool {
     matches!(moment.mode, Mode::Scanning | Mode::Degraded)
 }
 
@@ -214,7 +224,7 @@ fn check_limits(flight: &Flight, mission: &Mission, bounds: &mut BoundTable, fou
         if !(0.0..=most_mps).contains(&limit_mps) {
             found.push(Violation::LimitAbsurd { time_s, limit_mps });
         }
-        if !scanning(&moment) {
+        if !scanning(moment) {
             if limit_mps > 0.0 {
                 found.push(Violation::LimitOutsideScan { time_s, limit_mps });
             }
@@ -312,7 +322,7 @@ fn figures(flight: &Flight, tags: &[&CaptureTag], bounds: &BoundTable, limit_use
         if squares.is_empty() { 0.0 } else { (squares.iter().sum::<f64>() / squares.len() as f64).sqrt() * 1000.0 }
     };
     let (mut errors, mut offsets) = (Vec::new(), Vec::new());
-    for moment in flight.moments.iter().filter(scanning) {
+    for moment in flight.moments.iter().filter(|moment| scanning(moment)) {
         let place_m = moment.vehicle.position_m.yz();
         offsets.push(place_m.norm_squared());
         if let Some(estimate_m) = moment.estimate_m {

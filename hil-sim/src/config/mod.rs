@@ -163,6 +163,22 @@ mod tests {
     }
 
     #[test]
+    fn the_example_missions_are_read_without_complaint() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("missions");
+        let mut read = 0;
+        for entry in std::fs::read_dir(folder).expect("missions/") {
+            let path = entry.expect("an entry").path();
+            let text = std::fs::read_to_string(&path).expect("a file");
+            let mission = adit_protocol::mission::Mission::from_toml(&text);
+            assert!(mission.is_ok(), "{}: {}", path.display(), mission.unwrap_err());
+            let simulation = Simulation::from_mission(&text);
+            assert!(simulation.is_ok(), "{}: {}", path.display(), simulation.unwrap_err());
+            read += 1;
+        }
+        assert!(read >= 3, "{read} missions");
+    }
+
+    #[test]
     fn a_misspelt_key_of_a_fault_is_refused() {
         let text = "[[simulation.faults]]\nkind = \"servo-stall\"\nat_s = 5.0\nfor_seconds = 3";
         assert!(Simulation::from_mission(text).is_err());

@@ -1,0 +1,6 @@
+//! Whole flights: rules that must hold, figures on record, bytes on the card.
+
+mod bytes;
+mod common;
+mod scenarios;
+mod swarm;
