@@ -187,7 +187,8 @@ fn shot(index: u32, exposure: &Exposure) -> Shot {
         tunnel_from_cam: exposure.tunnel_from_cam,
         tunnel_from_body: exposure.tunnel_from_body,
         velocity_mps: exposure.velocity_mps,
-        angular_velocity_radps: exposure.angular_velocity_rad_per_s,
+        angular_velocity_rad_per_s: exposure.angular_velocity_rad_per_s,
+        light_level: exposure.light_level,
     }
 }
 

@@ -317,18 +317,21 @@ fn seconds(tag: &CaptureTag) -> f64 {
     tag.time_us as f64 * 1e-6
 }
 
+/// Root mean square of the board's error about where it is in the section, while scanning; zero if it never knew.
+pub fn centring_error_mm(flight: &Flight) -> f64 {
+    rms_mm(flight.moments.iter().filter(|moment| scanning(moment)).filter_map(|moment| {
+        let estimate_m = nalgebra::Vector2::from(moment.estimate_m?.map(f64::from));
+        Some((moment.vehicle.position_m.yz() - estimate_m).norm_squared())
+    }))
+}
+
+fn rms_mm(squares_m2: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = squares_m2.fold((0.0, 0_u32), |(sum, count), square| (sum + square, count + 1));
+    (sum / f64::from(count.max(1))).sqrt() * 1000.0
+}
+
 fn figures(flight: &Flight, tags: &[&CaptureTag], bounds: &BoundTable, limit_use: f64) -> Figures {
-    let rms_mm = |squares: &[f64]| {
-        if squares.is_empty() { 0.0 } else { (squares.iter().sum::<f64>() / squares.len() as f64).sqrt() * 1000.0 }
-    };
-    let (mut errors, mut offsets) = (Vec::new(), Vec::new());
-    for moment in flight.moments.iter().filter(|moment| scanning(moment)) {
-        let place_m = moment.vehicle.position_m.yz();
-        offsets.push(place_m.norm_squared());
-        if let Some(estimate_m) = moment.estimate_m {
-            errors.push((place_m - nalgebra::Vector2::from(estimate_m.map(f64::from))).norm_squared());
-        }
-    }
+    let in_scan = flight.moments.iter().filter(|moment| scanning(moment));
     let surplus = flight.exposures.iter().filter(|exposure| exposure.surplus).count();
     let x_m = |moment: Option<&Moment>| moment.map_or(0.0, |moment| moment.vehicle.position_m.x);
     let seen = seen(flight, bounds);
@@ -342,8 +345,8 @@ fn figures(flight: &Flight, tags: &[&CaptureTag], bounds: &BoundTable, limit_use
         missed: flight.presses_s.len() + surplus - flight.exposures.len(),
         tags: tags.len(),
         confirmed: tags.iter().filter(|tag| tag.state == CaptureState::Confirmed).count(),
-        centring_error_mm: rms_mm(&errors),
-        offset_mm: rms_mm(&offsets),
+        centring_error_mm: centring_error_mm(flight),
+        offset_mm: rms_mm(in_scan.map(|moment| moment.vehicle.position_m.yz().norm_squared())),
         limit_use,
         seen_once_percent: seen.once * 100.0,
         seen_twice_percent: seen.twice * 100.0,
@@ -359,3 +362,6 @@ fn seen(flight: &Flight, bounds: &BoundTable) -> Coverage {
     let (Some(from_x_m), Some(to_x_m)) = (first, last) else { return Coverage::default() };
     coverage(&bounds.profile, &bounds.camera, &flight.exposures, [from_x_m, to_x_m], CELL_M)
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,6 +4,8 @@
 //! from it.
 
 mod pilot;
+#[cfg(test)]
+pub(crate) mod stand_in;
 
 use adit_firmware::controller::Controller;
 use adit_firmware::io::{Inputs, Outputs};

@@ -21,7 +21,7 @@ fn judge(mission: &Mission, simulation: &Simulation, bounds: &BoundTable, seed: 
 fn fifty_seeds_with_faults_break_no_rule() {
     let (mission, simulation) = crate::common::mission("swarm.toml");
     let mut bounds = BoundTable::new(&mission).expect("a profile");
-    bounds.fill(0.3);
+    bounds.fill(0.2);
     let failures: Vec<String> = (1..=SEEDS)
         .into_par_iter()
         .filter_map(|seed| {
