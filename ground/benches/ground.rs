@@ -3,6 +3,9 @@
 #[path = "../tests/support/mod.rs"]
 mod support;
 
+mod adjustment;
+
+use adit_ground::adjust::adjust;
 use adit_ground::matching::{MatchConfig, match_round};
 use divan::Bencher;
 
@@ -21,4 +24,17 @@ fn match_twelve_photos(bencher: Bencher<'_, '_>, stage: &str) {
         (MatchConfig::fine(native_m), sample.perturbed(0.002, 0.001, 7))
     };
     bencher.bench(|| match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), &config, &|_| ()));
+}
+
+/// One iteration of the adjustment (linearise, eliminate the points, factor, step, new cost) of a spiral with 150 points per photo,
+/// each seen by about seven; twice the photos should take twice the time.
+#[divan::bench(args = [50, 100, 200], sample_count = 10)]
+fn one_adjust_iteration(bencher: Bencher<'_, '_>, photos: usize) {
+    let scene = adjustment::Scene::new(photos);
+    let problem = scene.problem();
+    bencher.bench(|| {
+        let adjusted = adjust(&problem, &adjustment::WEIGHTS).expect("the priors make the system definite");
+        assert_eq!(adjusted.report.iterations, 1, "the scene is at its optimum");
+        adjusted
+    });
 }
