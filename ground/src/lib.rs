@@ -12,6 +12,7 @@ pub mod pipeline;
 pub mod poses;
 pub mod prior;
 pub mod raster;
+pub mod report;
 pub mod survey;
 pub mod texture;
 

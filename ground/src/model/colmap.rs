@@ -63,7 +63,8 @@ fn images(reconstruction: &Reconstruction) -> String {
             let _ = write!(sightings[sighting.photo as usize], "{x:.3} {y:.3} {} ", index + 1);
         }
     }
-    let mut text = "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n".to_owned();
+    let mut text =
+        "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n".to_owned();
     for (index, pose) in reconstruction.poses.iter().enumerate() {
         let cam_from_tunnel = pose.tunnel_from_cam.inverse();
         let (q, t) = (cam_from_tunnel.rotation, cam_from_tunnel.translation.vector);

@@ -16,8 +16,11 @@ pub use checkpoint::{Checkpoints, Key, write_whole};
 pub use progress::{StageProgress, Verbosity};
 pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver};
 
-use crate::poses::{PoseStatus, write_poses};
+use crate::model::{self, ModelOptions, ModelReport};
+use crate::poses::{PhotoPose, PoseStatus, Reconstruction, write_poses};
+use crate::report::{self, ReportInput};
 use crate::survey::{self, Loss, Survey};
+use crate::texture::{self, TextureOptions, TextureProgress, TextureReport};
 
 /// The stages in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
@@ -118,48 +121,106 @@ impl Run<'_> {
         let photos = survey.photos.len();
         let solver = Solver::new(survey, self.options.solve)?;
         let key = Key::of_survey(survey)?.then("prior", &())?;
-        let prior = self.stage(Stage::Prior, key, photos, |_| Ok(solver.prior()), say_prior)?;
+        let prior = self.stage(Stage::Prior, key, photos, &[], |_| Ok(solver.prior()), say_prior)?;
         if self.ends_with(Stage::Prior) {
             return Ok(());
         }
         let key = key.then("coarse", &self.options.solve)?;
-        let coarse = self.stage(Stage::Coarse, key, photos, |progress| solver.coarse(&prior, progress), say_coarse)?;
+        let coarse =
+            self.stage(Stage::Coarse, key, photos, &[], |progress| solver.coarse(&prior, progress), say_coarse)?;
         self.summary.losses.extend(coarse.losses.iter().cloned());
         if self.ends_with(Stage::Coarse) {
             return Ok(());
         }
         let key = key.then("match", &())?;
         let matches =
-            self.stage(Stage::Match, key, photos, |progress| Ok(solver.fine(&coarse, progress)), say_match)?;
+            self.stage(Stage::Match, key, photos, &[], |progress| Ok(solver.fine(&coarse, progress)), say_match)?;
         if self.ends_with(Stage::Match) {
             return Ok(());
         }
         let key = key.then("adjust", &())?;
-        let adjusted = self.stage(Stage::Adjust, key, photos, |_| solver.adjust(&coarse, &matches), say_adjust)?;
+        let adjusted = self.stage(Stage::Adjust, key, photos, &[], |_| solver.adjust(&coarse, &matches), say_adjust)?;
         let poses = &adjusted.reconstruction.poses;
+        self.write_poses(poses)?;
+        self.summary.registered = Some(poses.iter().filter(|pose| pose.status == PoseStatus::Adjusted).count());
+        if self.ends_with(Stage::Adjust) {
+            return Ok(());
+        }
+        self.picture_stages(survey, &adjusted.reconstruction, key)
+    }
+
+    fn picture_stages(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<()> {
+        let out = &self.options.out;
+        let options = TextureOptions { mm_per_px: self.options.mm_per_px, ..TextureOptions::default() };
+        let key = key.then("texture", &options)?;
+        let files = ["panorama/panorama.json", "panorama/tiles/panorama.dzi", "coverage.json"];
+        let compute = |progress: &StageProgress| {
+            let tell = |event| match event {
+                TextureProgress::Total(total) => progress.restart(total),
+                TextureProgress::Step => progress.tick(),
+            };
+            Ok(texture::build(survey, reconstruction, &options, out, &tell)?)
+        };
+        let textured = self.stage(Stage::Texture, key, 0, &files, compute, say_texture)?;
+        self.summary.losses.extend(textured.losses.iter().cloned());
+        if self.ends_with(Stage::Texture) {
+            return Ok(());
+        }
+        let options = ModelOptions::default();
+        let key = key.then("model", &options)?;
+        let files = ["model.glb", "model.obj", "points.ply", "colmap/points3D.txt"];
+        let compute = |_: &StageProgress| {
+            model::colmap::write(reconstruction, &out.join("colmap"))?;
+            Ok(model::write(reconstruction, &textured.grid, &options, out)?)
+        };
+        self.stage(Stage::Model, key, 0, &files, compute, say_model)?;
+        if self.ends_with(Stage::Model) {
+            return Ok(());
+        }
+        self.report(survey, reconstruction, &textured)
+    }
+
+    /// Written anew each time: it says what this run did.
+    fn report(&mut self, survey: &Survey, reconstruction: &Reconstruction, texture: &TextureReport) -> Result<()> {
+        let progress = StageProgress::start(self.options.verbosity, Stage::Report.name(), 0);
+        self.summary.losses.sort_by(|a, b| (&a.what, &a.why).cmp(&(&b.what, &b.why)));
+        self.summary.losses.dedup();
+        let input =
+            ReportInput { survey, reconstruction, texture, stages: &self.summary.stages, losses: &self.summary.losses };
+        report::write(&input, &self.options.out)?;
+        let seconds = progress.finish("report.html, report.json").as_secs_f64();
+        self.summary.stages.push(StageReport {
+            stage: Stage::Report,
+            seconds: Some(seconds),
+            figures: serde_json::Value::Null,
+        });
+        Ok(())
+    }
+
+    fn write_poses(&self, poses: &[PhotoPose]) -> Result<()> {
         let mut table = Vec::new();
         write_poses(&mut table, poses)?;
-        write_whole(&self.options.out.join("poses.csv"), &table)?;
-        self.summary.registered = Some(poses.iter().filter(|pose| pose.status == PoseStatus::Adjusted).count());
-        Ok(())
+        write_whole(&self.options.out.join("poses.csv"), &table)
     }
 
     fn ends_with(&self, stage: Stage) -> bool {
         self.options.stop_after == Some(stage)
     }
 
-    /// Runs a stage, or takes what an earlier run left of it.
+    /// Runs a stage, or takes what an earlier run left of it if `files` are all still there.
     fn stage<T: Serialize + serde::de::DeserializeOwned>(
         &mut self,
         stage: Stage,
         key: Key,
         total: usize,
+        files: &[&str],
         compute: impl FnOnce(&StageProgress) -> Result<T>,
         say: fn(&T) -> (String, serde_json::Value),
     ) -> Result<T> {
         let name = stage.name();
         let progress = StageProgress::start(self.options.verbosity, name, total);
-        if let Some(kept) = self.checkpoints.load::<T>(name, key) {
+        let all_there = files.iter().all(|file| self.options.out.join(file).exists());
+        if all_there && let Some(kept) = self.checkpoints.load::<T>(name, key) {
             let (line, figures) = say(&kept);
             progress.finish(&format!("{line}, kept from an earlier run"));
             self.summary.stages.push(StageReport { stage, seconds: None, figures });
@@ -243,4 +304,22 @@ fn say_adjust(stage: &AdjustStage) -> (String, serde_json::Value) {
         "pruned": stage.pruned,
     });
     (line, figures)
+}
+
+fn say_texture(report: &TextureReport) -> (String, serde_json::Value) {
+    let grid = &report.grid;
+    let line = format!(
+        "{} x {} px at {:.2} mm, {:.1} % of the wall seen, {} holes",
+        grid.width_px,
+        grid.height_px,
+        grid.mm_per_px,
+        report.coverage.seen_share[0] * 100.0,
+        report.coverage.hole_count
+    );
+    (line, json!(report))
+}
+
+fn say_model(report: &ModelReport) -> (String, serde_json::Value) {
+    let line = format!("{} triangles in {} chunks, {} points", report.triangles, report.chunks, report.points);
+    (line, json!(report))
 }

@@ -41,6 +41,12 @@ impl StageProgress {
         self.bar.inc(1);
     }
 
+    /// Starts counting anew, towards another total.
+    pub fn restart(&self, total: usize) {
+        self.bar.set_position(0);
+        self.bar.set_length(total as u64);
+    }
+
     /// Sets how many items are done.
     pub fn set(&self, done: usize) {
         self.bar.set_position(done as u64);

@@ -95,7 +95,8 @@ fn line_plot(xs: &[f64], series: &[Series<'_>], unit: &str) -> String {
     const LEFT: f64 = 56.0;
     const BOTTOM: f64 = 24.0;
     let bounds = |values: &mut dyn Iterator<Item = f64>| {
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let (low, high) =
+            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
         if low.is_finite() && high > low { (low, high) } else { (low.min(0.0), low.max(0.0) + 1.0) }
     };
     let (x_low, x_high) = bounds(&mut xs.iter().copied());

@@ -5,9 +5,9 @@ mod picture;
 
 use std::path::{Path, PathBuf};
 
-use minijinja::{Environment, context};
+use minijinja::Environment;
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 pub use figures::PoseFigures;
 
@@ -111,22 +111,22 @@ fn page(input: &ReportInput<'_>, report: &Report<'_>, out: &Path) -> Result<Stri
     // The name's ending turns HTML escaping on for every value.
     environment.add_template("report.html", include_str!("report.html"))?;
     let grid = &input.texture.grid;
-    let page = environment.get_template("report.html")?.render(context! {
-        report,
-        texture => input.texture,
-        holes => input.texture.coverage.holes.iter().take(LISTED_HOLES).collect::<Vec<_>>(),
-        panorama => picture::panorama(grid, &out.join("panorama/tiles"), PICTURE_PX)?,
-        coverage_picture => picture::file(&out.join("coverage.png")),
-        track_svg => figures::track_svg(&input.reconstruction.poses),
-        section_svg => figures::section_svg(&profile, &input.reconstruction.poses),
-        sigma_svg => figures::sigma_svg(&input.reconstruction.poses),
-        length_m => grid.height_px as f64 * grid.texel_m(),
-        adjust => figures_of(input.stages, "adjust"),
-        prior => figures_of(input.stages, "prior"),
-        coarse => figures_of(input.stages, "coarse"),
-        matching => figures_of(input.stages, "match"),
-    })?;
-    Ok(page)
+    let figures = json!({
+        "report": report,
+        "texture": input.texture,
+        "holes": input.texture.coverage.holes.iter().take(LISTED_HOLES).collect::<Vec<_>>(),
+        "panorama": picture::panorama(grid, &out.join("panorama/tiles"), PICTURE_PX)?,
+        "coverage_picture": picture::file(&out.join("coverage.png")),
+        "track_svg": figures::track_svg(&input.reconstruction.poses),
+        "section_svg": figures::section_svg(&profile, &input.reconstruction.poses),
+        "sigma_svg": figures::sigma_svg(&input.reconstruction.poses),
+        "length_m": grid.height_px as f64 * grid.texel_m(),
+        "adjust": figures_of(input.stages, "adjust"),
+        "prior": figures_of(input.stages, "prior"),
+        "coarse": figures_of(input.stages, "coarse"),
+        "matching": figures_of(input.stages, "match"),
+    });
+    Ok(environment.get_template("report.html")?.render(minijinja::value::Serde(&figures))?)
 }
 
 fn figures_of(stages: &[StageReport], name: &str) -> Value {

@@ -17,7 +17,10 @@ const QUALITY: u8 = 82;
 pub(super) fn panorama(grid: &PanoramaGrid, tiles: &Path, longest_px: usize) -> Result<String, ReportError> {
     let reader = TileReader::new(tiles, grid.width_px, grid.height_px);
     let mut level = reader.last_level();
-    while level > 0 && { let (width, height) = reader.size(level); width.max(height) > longest_px } {
+    while level > 0 && {
+        let (width, height) = reader.size(level);
+        width.max(height) > longest_px
+    } {
         level -= 1;
     }
     let (width, height) = reader.size(level);
