@@ -28,11 +28,13 @@ use std::time::Instant;
 use adit_geometry::profile::Profile;
 use serde::{Deserialize, Serialize};
 
+pub(crate) use coverage::COVERAGE_COLOURS;
 pub use coverage::{Coverage, Hole, clock_position};
 pub use error::TextureError;
 pub(crate) use error::at_path;
 pub use grid::{PanoramaGrid, profile_json};
 pub use sink::Sheet;
+pub(crate) use tiles::read_png;
 pub use tiles::{PixelBox, Rgba8, TILE_PX, TileReader};
 
 use crate::poses::Reconstruction;

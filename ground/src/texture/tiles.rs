@@ -181,7 +181,7 @@ pub(super) fn write_png(path: &Path, width: usize, height: usize, rgba: &[u8]) -
 }
 
 /// Reads an RGBA picture.
-fn read_png(path: &Path) -> Result<Rgba8, TextureError> {
+pub(crate) fn read_png(path: &Path) -> Result<Rgba8, TextureError> {
     let file = File::open(path).map_err(at_path(path))?;
     let failed = |source| TextureError::PngRead { path: path.to_owned(), source };
     let mut reader = png::Decoder::new(BufReader::new(file)).read_info().map_err(failed)?;
