@@ -6,6 +6,7 @@
 
 pub mod adjust;
 pub mod evaluate;
+pub mod ingest;
 pub mod matching;
 pub mod model;
 pub mod pipeline;

@@ -1,6 +1,7 @@
 //! The subcommands: arguments in, a call into the library, figures out.
 
 mod evaluate;
+mod ingest;
 mod reconstruct;
 
 use std::io::Write;
@@ -51,6 +52,7 @@ pub(crate) struct Common {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Ingest(ingest::Arguments),
     Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
 }
@@ -58,6 +60,7 @@ enum Command {
 impl Cli {
     pub(crate) fn run(self) -> Result<Answer> {
         match self.command {
+            Command::Ingest(arguments) => ingest::run(&arguments, &self.common),
             Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),
         }

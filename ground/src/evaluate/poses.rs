@@ -75,18 +75,23 @@ pub struct PoseEvaluation {
 
 /// Compares estimated poses with true ones.
 pub(super) fn compare_poses(estimated: &[PhotoPose], truth: &[PhotoPose]) -> PoseEvaluation {
-    let by_name: HashMap<&str, &PhotoPose> = estimated.iter().map(|pose| (pose.photo.as_str(), pose)).collect();
-    let known: HashSet<&str> = truth.iter().map(|pose| pose.photo.as_str()).collect();
+    let names = Names::of(estimated);
+    let mut used = HashSet::new();
     let (mut pairs, mut prior_only, mut missing) = (Vec::new(), Vec::new(), Vec::new());
     for true_pose in truth {
-        match by_name.get(true_pose.photo.as_str()) {
-            None => missing.push(true_pose.photo.clone()),
-            Some(pose) if pose.status == PoseStatus::PriorOnly => prior_only.push(pose.photo.clone()),
-            Some(pose) => pairs.push((pose.photo.as_str(), pose.tunnel_from_cam, true_pose.tunnel_from_cam)),
+        let Some(pose) = names.find(&true_pose.photo) else {
+            missing.push(true_pose.photo.clone());
+            continue;
+        };
+        used.insert(pose.photo.as_str());
+        if pose.status == PoseStatus::PriorOnly {
+            prior_only.push(pose.photo.clone());
+        } else {
+            pairs.push((pose.photo.as_str(), pose.tunnel_from_cam, true_pose.tunnel_from_cam));
         }
     }
     let unknown =
-        estimated.iter().filter(|pose| !known.contains(pose.photo.as_str())).map(|pose| pose.photo.clone()).collect();
+        estimated.iter().map(|pose| &pose.photo).filter(|photo| !used.contains(photo.as_str())).cloned().collect();
     let centre = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
     let ours: Vec<Point3<f64>> = pairs.iter().map(|(_, estimated, _)| centre(estimated)).collect();
     let theirs: Vec<Point3<f64>> = pairs.iter().map(|(_, _, truth)| centre(truth)).collect();
@@ -96,6 +101,31 @@ pub(super) fn compare_poses(estimated: &[PhotoPose], truth: &[PhotoPose]) -> Pos
     });
     let absolute = (!pairs.is_empty()).then(|| errors_after(&Similarity3::identity(), &pairs));
     PoseEvaluation { photos: truth.len(), registered: pairs.len(), prior_only, missing, unknown, aligned, absolute }
+}
+
+/// Poses by the photo's name, with its folder or, where that is unique, without.
+struct Names<'a> {
+    whole: HashMap<&'a str, &'a PhotoPose>,
+    file: HashMap<&'a str, Option<&'a PhotoPose>>,
+}
+
+impl<'a> Names<'a> {
+    fn of(poses: &'a [PhotoPose]) -> Self {
+        let mut file: HashMap<&str, Option<&PhotoPose>> = HashMap::new();
+        for pose in poses {
+            file.entry(file_name(&pose.photo)).and_modify(|first| *first = None).or_insert(Some(pose));
+        }
+        Self { whole: poses.iter().map(|pose| (pose.photo.as_str(), pose)).collect(), file }
+    }
+
+    fn find(&self, photo: &str) -> Option<&'a PhotoPose> {
+        let whole = self.whole.get(photo).copied();
+        whole.or_else(|| self.file.get(file_name(photo)).copied().flatten())
+    }
+}
+
+fn file_name(photo: &str) -> &str {
+    photo.rsplit('/').next().unwrap_or(photo)
 }
 
 /// Photo, estimated and true `tunnel_from_cam`.
@@ -185,6 +215,18 @@ mod tests {
             (result.missing, result.prior_only, result.unknown),
             (vec!["G2.JPG".to_owned()], vec!["G4.JPG".to_owned()], vec!["X.JPG".to_owned()])
         );
+    }
+
+    #[test]
+    fn a_folder_in_front_of_a_name_makes_no_difference_where_the_name_is_unique() {
+        let truth = spiral(4);
+        let mut estimated = truth.clone();
+        for pose in &mut estimated {
+            pose.photo = format!("100GOPRO/{}", pose.photo);
+        }
+        assert_eq!(compare_poses(&estimated, &truth).registered, 4);
+        estimated.push(PhotoPose { photo: "101GOPRO/G0.JPG".to_owned(), ..truth[0].clone() });
+        assert_eq!(compare_poses(&estimated, &truth).missing, ["G0.JPG"]);
     }
 
     #[test]
