@@ -60,14 +60,14 @@ fn named_scenarios_give_the_figures_on_record() {
     let (mission, _) = crate::common::mission("demo.toml");
     let mut bounds = BoundTable::new(&mission).expect("a profile");
     let mut table = String::from(
-        "scenario             outcome    time_s dist_m press photo missed tags conf  centr_mm offs_mm limit_% once_% twice_%\n",
+        "scenario             outcome    time_s dist_m press photo missed tags conf  centr_mm offs_mm limit_% step_% time_ms shaft_deg once_% twice_%\n",
     );
     for (name, simulation) in scenarios() {
         let Report { violations, figures } = flown(&mission, &simulation, &mut bounds);
         assert!(violations.is_empty(), "{name}: {:?}", &violations[..violations.len().min(3)]);
         let _ = writeln!(
             table,
-            "{name:20} {:10} {:6.0} {:6.1} {:5} {:5} {:6} {:4} {:4} {:9.0} {:7.0} {:7.0} {:6.1} {:7.1}",
+            "{name:20} {:10} {:6.0} {:6.1} {:5} {:5} {:6} {:4} {:4} {:9.0} {:7.0} {:7.0} {:6.0} {:7.0} {:9.2} {:6.1} {:7.1}",
             format!("{:?}", figures.outcome),
             figures.duration_s,
             figures.distance_m,
@@ -79,6 +79,9 @@ fn named_scenarios_give_the_figures_on_record() {
             figures.centring_error_mm,
             figures.offset_mm,
             figures.limit_use * 100.0,
+            figures.longest_step * 100.0,
+            figures.tag_time_error_ms,
+            figures.tag_shaft_error_deg,
             figures.seen_once_percent,
             figures.seen_twice_percent,
         );
