@@ -104,3 +104,9 @@ fn errors_name_the_file_and_the_key() {
     assert_eq!(missing.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&missing.stderr).contains("nowhere.toml"));
 }
+
+#[test]
+fn the_help_says_what_the_reference_promises() {
+    let output = Command::new(env!("CARGO_BIN_EXE_adit-sim")).args(["fly", "--help"]).output().expect("adit-sim runs");
+    insta::assert_snapshot!(String::from_utf8_lossy(&output.stdout));
+}

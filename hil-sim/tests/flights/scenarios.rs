@@ -51,6 +51,7 @@ fn scenarios() -> Vec<(&'static str, Simulation)> {
         ("servo stalls 3 s", with_fault(FaultKind::ServoStall, 30.0, Some(3.0))),
         ("encoder silent 4 s", with_fault(FaultKind::EncoderSilent, 30.0, Some(4.0))),
         ("limit ignored 5 s", with_fault(FaultKind::LimitIgnored, 30.0, Some(5.0))),
+        ("camera deaf", with_fault(FaultKind::CameraDeaf, 0.0, None)),
         ("power lost", with_fault(FaultKind::PowerLoss, 40.0, None)),
     ]
 }
