@@ -34,7 +34,7 @@ pub struct ModelOptions {
     pub sagitta_m: f64,
     /// Longest side of a facet.
     pub facet_m: f64,
-    /// Distance between the points of the point cloud, at least.
+    /// Distance between the points of the point cloud, about (texels are halved until they fit).
     pub point_step_m: f64,
 }
 

@@ -11,7 +11,7 @@ use adit_geometry::profile::Profile;
 use super::error::{ModelError, at_path};
 use crate::texture::{PanoramaGrid, PixelBox, TILE_PX, TileReader};
 
-/// Writes the points of the pyramid's level that is nearest to `step_m` per pixel, not finer; returns how many there are.
+/// Writes the points of the pyramid's level that is nearest to `step_m` per pixel; returns how many there are.
 pub(super) fn write(
     path: &Path,
     reader: &TileReader,
@@ -19,7 +19,7 @@ pub(super) fn write(
     profile: &Profile<f64>,
     step_m: f64,
 ) -> Result<u64, ModelError> {
-    let halvings = (step_m / grid.texel_m()).log2().ceil().clamp(0.0, f64::from(reader.last_level()));
+    let halvings = (step_m / grid.texel_m()).log2().round().clamp(0.0, f64::from(reader.last_level()));
     let level = reader.last_level() - halvings as u32;
     let scale = halvings.exp2();
     let (width, height) = reader.size(level);

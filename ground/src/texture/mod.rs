@@ -105,7 +105,7 @@ pub struct TextureReport {
     pub coloured_area_m2: f64,
     /// Exposure per photo.
     pub gains: Vec<PhotoGain>,
-    /// Brightness in the farthest corner of a photo against its middle, green.
+    /// Mean brightness in the corners of a photo against its middle, green: vignetting and the lamp's fall-off.
     pub corner_brightness: f64,
     /// Root mean square relative difference between photos of the same place, before and after the correction.
     pub tone_rms_before: f64,
@@ -182,7 +182,7 @@ pub fn build(
         photos_decoded: strip_report.decoded + photos_used,
         coloured_area_m2: strip_report.coloured_px as f64 * grid.texel_m().powi(2),
         gains: photo_gains(&candidates, &tones),
-        corner_brightness: tones.vignette[1].iter().sum::<f64>().exp(),
+        corner_brightness: tones.corner_brightness(&reconstruction.camera),
         tone_rms_before: tones.rms_before,
         tone_rms_after: tones.rms_after,
         coverage,

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::grid::{Lattice, Region};
 use super::sample::Mips;
-use super::tone::{ToneSample, radius2};
+use super::tone::{ToneSample, offset};
 use super::usable::Usable;
 use super::view::{Footprint, View};
 use crate::poses::{PoseStatus, Reconstruction};
@@ -156,7 +156,7 @@ fn look(
                 cell: (row * coarse.columns + column) as u32,
                 view: index as u32,
                 colour: [r, g, b],
-                radius2: radius2(&view.camera, sight.pixel),
+                offset: offset(&view.camera, sight.pixel),
             });
         }
     }
