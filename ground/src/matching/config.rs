@@ -14,6 +14,8 @@ pub struct MatchConfig {
     pub min_search_px: usize,
     /// Half-width of the search window in standard deviations of the predicted displacement.
     pub search_sigmas: f64,
+    /// Greatest half-width of the search window, texels: a photo known worse than that is not worth its quadratic cost.
+    pub max_search_px: usize,
     /// Factor by which the window grows when a pair that should overlap does not agree; 1 = no second try.
     pub widen: f64,
     /// Band-pass: standard deviation of the smaller Gaussian, texels.
@@ -30,6 +32,9 @@ pub struct MatchConfig {
     pub gate_px: f64,
     /// A pair is tried if its footprints share at least this part of the smaller one.
     pub min_overlap: f64,
+    /// Most earlier photos that a photo is paired with, those of greatest overlap first: a vehicle that hovers takes
+    /// hundreds of photos of the same wall.
+    pub max_partners: usize,
     /// A pair is kept with at least this many agreeing matches ...
     pub min_agreeing: usize,
     /// ... that are at least this share of all its matches.
@@ -61,6 +66,7 @@ impl MatchConfig {
             template_px: 21,
             min_search_px: 8,
             search_sigmas: 2.5,
+            max_search_px: 100,
             widen: 1.7,
             band_small_px: 1.0,
             band_large_px: 8.0,
@@ -69,6 +75,7 @@ impl MatchConfig {
             min_ncc: 0.3,
             gate_px: 3.0,
             min_overlap: 0.15,
+            max_partners: 40,
             min_agreeing: 6,
             min_agreeing_share: 0.25,
             max_incidence_rad: 68_f64.to_radians(),

@@ -19,7 +19,12 @@
 //!   repetitions; smaller ones also lose accuracy (a third at 10 cm).
 //! - *Both rounds*: re-rectifying with better poses at the photos' own resolution gains a factor of four.
 //! - *Every overlapping pair*: neighbours of the next turn are worth a factor of five over consecutive photos alone.
-//! - *Band*: low frequencies carry the lamp and the vignetting, which move with the camera; they mislead.
+//! - *Band*: low frequencies carry the lamp and the vignetting, which move with the camera; they mislead. In the fine round
+//!   0.6 to 6 texels beats 1 to 12 (concrete: pose error 0.27 mm instead of 0.43).
+//! - *Sub-pixel peak*: the quadratic is enough. Refining on grey values (Lucas and Kanade, three steps, cubic) was
+//!   tried: poses came out 0.02 to 0.08 mm worse on the three sample sets.
+//! - *Search after probes*: once a few points of a pair clearly agree on a motion, the others are searched for near it only;
+//!   a third of the cost, and fewer strays.
 //! - *Gate*: leaves room for parallax, since a real wall is not the nominal section: `baseline / distance * relief`.
 //!
 //! # Limits
@@ -155,4 +160,24 @@ pub struct MatchRound {
     pub pairs: Vec<PairReport>,
     /// Photos that took no part: unreadable, of another size than the camera's, or with no wall in view by their pose.
     pub unusable: Vec<u32>,
+}
+
+impl MatchRound {
+    /// Photos of a survey of `photos` that at least half of their pairs doubt, or that have no pair at all.
+    ///
+    /// Their poses are no better after the adjustment than before: match them again with a wide window
+    /// ([`ViewPose::position_sigma_m`] and [`ViewPose::rotation_sigma_rad`] of the prior), and name them in the report.
+    pub fn doubtful_photos(&self, photos: usize) -> Vec<u32> {
+        let mut counts = vec![[0_usize; 2]; photos];
+        for pair in &self.pairs {
+            for photo in [pair.first, pair.second] {
+                if let Some([expected, doubtful]) = counts.get_mut(photo as usize) {
+                    *expected += 1;
+                    *doubtful += usize::from(pair.is_doubtful());
+                }
+            }
+        }
+        let doubted = |[expected, doubtful]: [usize; 2]| 2 * doubtful >= expected;
+        (0..).zip(counts).filter(|(_, counts)| doubted(*counts)).map(|(photo, _)| photo).collect()
+    }
 }

@@ -77,7 +77,7 @@ pub fn match_round<P: Photos + ?Sized>(
     let round = Round { grid, poses, config };
     let footprints: Vec<Option<Footprint>> =
         poses.par_iter().map(|pose| Footprint::new(&round.grid, &pose.tunnel_from_cam)).collect();
-    let expected = expected_pairs(&footprints, round.blocks_around(), config.min_overlap);
+    let expected = expected_pairs(&footprints, round.blocks_around(), config.min_overlap, config.max_partners);
     let last_needed = last_needed(&expected, poses.len());
     let mut patches: Patches = vec![None; poses.len()];
     let mut tracks: Vec<Vec<StarTrack>> = vec![Vec::new(); poses.len()];
@@ -177,7 +177,7 @@ impl Round<'_> {
         let sigma_m = [0, 1].map(|end| self.poses[photos[end]].displacement_sigma_m(pair[end].footprint.distance_m));
         let reach_m = self.config.search_sigmas * sigma_m[0].hypot(sigma_m[1]);
         let reach_px = (reach_m / self.grid.step_m).ceil() as usize;
-        reach_px.max(self.config.min_search_px)
+        reach_px.min(self.config.max_search_px).max(self.config.min_search_px)
     }
 
     fn search_pair(
