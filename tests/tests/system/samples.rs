@@ -1,0 +1,49 @@
+//! The independent samples: rendered by another program with conventions of its own. Skipped, by name, where they are absent.
+
+use std::path::{Path, PathBuf};
+
+use super::programs::{copy, figures, text};
+
+/// The samples' folder, in some folder above the checkout.
+fn samples() -> Option<PathBuf> {
+    let start = Path::new(env!("CARGO_MANIFEST_DIR"));
+    start.ancestors().map(|folder| folder.join("shared/samples")).find(|folder| folder.is_dir())
+}
+
+fn reconstructs(name: &str) {
+    let Some(sample) = samples().map(|folder| folder.join(name)).filter(|folder| folder.is_dir()) else {
+        eprintln!("skipped: {name} (no shared/samples above the checkout)");
+        return;
+    };
+    let survey = tempfile::tempdir().expect("a temporary folder");
+    copy(&sample, survey.path());
+    let folder = text(survey.path());
+    let summary = figures("adit", &["reconstruct", folder]);
+    assert_eq!(summary["registered"], 50, "{summary:#}");
+    let evaluation = figures("adit", &["evaluate", folder]);
+    let rmse_mm = |frame: &str| evaluation["poses"][frame]["position_mm"]["rmse"].as_f64().expect("a number");
+    let coloured = evaluation["coverage"]["coloured_percent"].as_f64().expect("a number");
+    eprintln!(
+        "{name}: aligned {:.3} mm, absolute {:.3} mm, coloured {coloured:.2} %",
+        rmse_mm("aligned"),
+        rmse_mm("absolute")
+    );
+    assert!(rmse_mm("aligned") < 1.0, "{evaluation:#}");
+    assert!(rmse_mm("absolute") < 5.0, "{evaluation:#}");
+    assert!(coloured >= 99.0, "{evaluation:#}");
+}
+
+#[test]
+fn brick_in_a_circle() {
+    reconstructs("cylinder-brick-spiral");
+}
+
+#[test]
+fn concrete_in_a_circle() {
+    reconstructs("cylinder-concrete-spiral");
+}
+
+#[test]
+fn an_underpass() {
+    reconstructs("underpass-spiral");
+}
