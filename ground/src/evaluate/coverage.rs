@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector2};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::poses::file_name;
 use super::wall_image::WallImage;
 use crate::poses::PhotoPose;
 use crate::raster::Mask;
@@ -39,7 +40,7 @@ pub(super) fn measure_coverage(
     let seen = truth
         .par_iter()
         .filter_map(|pose| {
-            let photo = survey.photos.iter().find(|photo| photo.name == pose.photo)?;
+            let photo = photo_of(survey, &pose.photo)?;
             Some(cells_seen(survey, profile, photo, &pose.tunnel_from_cam, &cells))
         })
         .try_reduce(|| vec![false; cells.len()], |a, b| Ok(a.into_iter().zip(b).map(|(a, b)| a || b).collect()))?;
@@ -51,6 +52,13 @@ pub(super) fn measure_coverage(
         coloured,
         coloured_percent: 100.0 * coloured as f64 / seen_cells.len().max(1) as f64,
     })
+}
+
+/// The survey's photo by its name with or without folder, as poses are compared.
+fn photo_of<'a>(survey: &'a Survey, name: &str) -> Option<&'a Photo> {
+    let whole = survey.photos.iter().find(|photo| photo.name == name);
+    let mut by_file = survey.photos.iter().filter(|photo| file_name(&photo.name) == file_name(name));
+    whole.or_else(|| by_file.next().filter(|_| by_file.next().is_none()))
 }
 
 struct Cell {

@@ -124,7 +124,8 @@ impl<'a> Names<'a> {
     }
 }
 
-fn file_name(photo: &str) -> &str {
+/// The name without its folder.
+pub(super) fn file_name(photo: &str) -> &str {
     photo.rsplit('/').next().unwrap_or(photo)
 }
 
