@@ -2,12 +2,16 @@
 
 #[path = "../tests/support/mod.rs"]
 mod support;
+#[path = "../tests/support/textured.rs"]
+mod textured;
 
 mod adjustment;
 
 use adit_ground::adjust::adjust;
 use adit_ground::matching::{MatchConfig, match_round};
+use adit_ground::texture::{self, TextureOptions};
 use divan::Bencher;
+use divan::counter::ItemsCount;
 
 fn main() {
     divan::main();
@@ -37,4 +41,15 @@ fn one_adjust_iteration(bencher: Bencher<'_, '_>, photos: usize) {
         assert_eq!(adjusted.report.iterations, 1, "the scene is at its optimum");
         adjusted
     });
+}
+
+/// Decoding, exposures and the panorama of twelve photos, files included; items are texels of the panorama.
+#[divan::bench(args = [6.0, 2.0], sample_count = 3)]
+fn texture_at_mm_per_px(bencher: Bencher<'_, '_>, mm_per_px: f64) {
+    let Some((survey, reconstruction)) = textured::load_textured("cylinder-brick-spiral", 12) else { return };
+    let out = tempfile::tempdir().expect("a folder");
+    let options = TextureOptions { mm_per_px: Some(mm_per_px), ..TextureOptions::default() };
+    let build = || texture::build(&survey, &reconstruction, &options, out.path(), &|_| ()).expect("a panorama");
+    let grid = build().grid;
+    bencher.counter(ItemsCount::new(grid.width_px * grid.height_px)).bench(build);
 }

@@ -1,0 +1,147 @@
+//! The panorama of a rendered sample at its true poses against the wall as painted.
+
+#[expect(dead_code, reason = "shared with the tests of the matching")]
+mod support;
+#[path = "support/textured.rs"]
+mod textured;
+
+use std::fs;
+use std::path::Path;
+
+use adit_ground::model::{self, ModelOptions};
+use adit_ground::texture::{self, PanoramaGrid, PixelBox, TextureError, TextureOptions, TextureReport, TileReader};
+use textured::load_textured;
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+
+/// Coarse, so that the tests are quick.
+const MM_PER_PX: f64 = 12.0;
+
+fn options() -> TextureOptions {
+    TextureOptions { mm_per_px: Some(MM_PER_PX), ..TextureOptions::default() }
+}
+
+/// The painted wall, averaged onto the panorama's grid: green, or nothing where it was not painted.
+fn painted(folder: &Path, grid: &PanoramaGrid) -> Vec<Option<f64>> {
+    let about: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(folder.join("truth/texture.json")).unwrap()).unwrap();
+    let number = |key: &str| about[key].as_f64().unwrap();
+    let (texel_m, x0_m) = (number("mm_per_px") / 1000.0, number("x0_m"));
+    let bytes = fs::read(folder.join("truth/texture.jpg")).unwrap();
+    let mut decoder = JpegDecoder::new(ZCursor::new(bytes));
+    let rgb = decoder.decode().unwrap();
+    let (width, height) = decoder.dimensions().unwrap();
+    let mut sums = vec![(0.0, 0); grid.width_px * grid.height_px];
+    for row in 0..height {
+        let v = (x0_m + (row as f64 + 0.5) * texel_m - grid.x0_m) / grid.texel_m();
+        for column in (0..width).filter(|_| v >= 0.0 && (v as usize) < grid.height_px) {
+            let u = (((column as f64 + 0.5) * texel_m / grid.texel_m()) as usize).min(grid.width_px - 1);
+            let (sum, count) = &mut sums[v as usize * grid.width_px + u];
+            *sum += f64::from(rgb[(row * width + column) * 3 + 1]);
+            *count += 1;
+        }
+    }
+    // Cells that the painting covers in part only do not count.
+    let whole = (MM_PER_PX / 2.0).powi(2) * 0.7;
+    sums.into_iter().map(|(sum, count)| (f64::from(count) > whole).then(|| sum / f64::from(count))).collect()
+}
+
+/// Correlation of the panorama, shifted by (columns, rows), with the painted wall.
+fn correlation(found: &[Option<f64>], painted: &[Option<f64>], width: usize, shift: (i64, i64)) -> f64 {
+    let rows = (found.len() / width) as i64;
+    let pairs: Vec<(f64, f64)> = (0..found.len())
+        .filter_map(|at| {
+            let row = (at / width) as i64 + shift.1;
+            let column = ((at % width) as i64 + shift.0).rem_euclid(width as i64);
+            let other = (0..rows).contains(&row).then(|| painted[row as usize * width + column as usize])??;
+            Some((found[at]?, other))
+        })
+        .collect();
+    let count = pairs.len() as f64;
+    let (mean_a, mean_b) = pairs.iter().fold((0.0, 0.0), |(a, b), pair| (a + pair.0 / count, b + pair.1 / count));
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for (a, b) in pairs {
+        ab += (a - mean_a) * (b - mean_b);
+        aa += (a - mean_a).powi(2);
+        bb += (b - mean_b).powi(2);
+    }
+    ab / (aa * bb).sqrt()
+}
+
+fn panorama(out: &Path, report: &TextureReport) -> Vec<Option<f64>> {
+    let grid = report.grid;
+    let reader = TileReader::new(&out.join("panorama/tiles"), grid.width_px, grid.height_px);
+    let area = PixelBox { column: 0, row: 0, width: grid.width_px, height: grid.height_px };
+    let picture = reader.read(reader.last_level(), area).unwrap();
+    picture.data.chunks_exact(4).map(|pixel| (pixel[3] == 255).then(|| f64::from(pixel[1]))).collect()
+}
+
+#[test]
+fn the_panorama_of_an_underpass_lies_where_the_wall_was_painted() {
+    let Some((survey, reconstruction)) = load_textured("underpass-spiral", 50) else { return };
+    let out = tempfile::tempdir().unwrap();
+    let report = texture::build(&survey, &reconstruction, &options(), out.path(), &|_| ()).unwrap();
+    assert!(report.losses.is_empty(), "{:?}", report.losses);
+    assert!(report.coloured_area_m2 > 0.99 * report.coverage.seen_area_m2, "{report:?}");
+    assert!(report.coverage.seen_share[0] > 0.999);
+
+    let found = panorama(out.path(), &report);
+    let painted = painted(&survey.folder, &report.grid);
+    let width = report.grid.width_px;
+    let here = correlation(&found, &painted, width, (0, 0));
+    assert!(here > 0.9, "{here}");
+    for shift in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
+        let there = correlation(&found, &painted, width, shift);
+        assert!(there < here, "shifted by {shift:?} texels: {there}, not shifted: {here}");
+    }
+
+    let made = model::write(&reconstruction, &report.grid, &ModelOptions::default(), out.path()).unwrap();
+    assert!(made.points > 10_000 && made.chunks > 0);
+    let sheets: Vec<&str> = report.sheets.iter().map(|sheet| sheet.part.as_str()).collect();
+    assert_eq!(sheets, ["right-wall", "floor", "left-wall"]);
+    let files = ["panorama/panorama.png", "panorama/panorama.json", "panorama/tiles/panorama.dzi", "sheets/floor.png"];
+    for file in files.into_iter().chain(["coverage.json", "model.glb", "model.obj", "model.mtl", "points.ply"]) {
+        assert!(out.path().join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn a_damaged_photo_is_named_and_the_others_are_used() {
+    let Some((mut survey, reconstruction)) = load_textured("cylinder-concrete-spiral", 6) else { return };
+    let out = tempfile::tempdir().unwrap();
+    let bytes = fs::read(&survey.photos[2].path).unwrap();
+    let torn = out.path().join("torn.jpg");
+    fs::write(&torn, &bytes[..bytes.len() / 2]).unwrap();
+    survey.photos[2].path = torn;
+    let report = texture::build(&survey, &reconstruction, &options(), out.path(), &|_| ()).unwrap();
+    assert_eq!(report.photos_used, 5);
+    assert_eq!(report.losses.len(), 1);
+    assert_eq!(report.losses[0].what, survey.photos[2].name);
+}
+
+#[test]
+fn a_small_cache_gives_the_same_panorama() {
+    let Some((survey, reconstruction)) = load_textured("cylinder-brick-spiral", 12) else { return };
+    let out = tempfile::tempdir().unwrap();
+    let build = |name: &str, cache_bytes: usize| {
+        let out = out.path().join(name);
+        let options = TextureOptions { cache_bytes, ..options() };
+        let report = texture::build(&survey, &reconstruction, &options, &out, &|_| ()).unwrap();
+        fs::read(out.join("panorama").join(report.picture.unwrap())).unwrap()
+    };
+    assert!(build("large", usize::MAX) == build("small", 1));
+}
+
+#[test]
+fn what_cannot_be_written_or_makes_no_sense_is_said() {
+    let Some((survey, reconstruction)) = load_textured("cylinder-concrete-spiral", 2) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "").unwrap();
+    let error = texture::build(&survey, &reconstruction, &options(), &file.join("out"), &|_| ()).unwrap_err();
+    assert!(error.to_string().contains("file/out"), "{error}");
+
+    let fine = TextureOptions { mm_per_px: Some(0.001), ..TextureOptions::default() };
+    let error = texture::build(&survey, &reconstruction, &fine, folder.path(), &|_| ()).unwrap_err();
+    assert!(matches!(error, TextureError::Resolution { .. }), "{error}");
+}
