@@ -34,11 +34,12 @@ pub(crate) struct Limit {
     pub(crate) period_s: f32,
 }
 
-/// A photo, and the way flown since.
+/// A photo, or the scan's start, and the way flown since.
 #[derive(Clone, Copy, Debug)]
 struct Anchor {
     time_us: u64,
     travelled_m: f32,
+    is_photo: bool,
 }
 
 /// A missed photo.
@@ -56,7 +57,7 @@ pub(crate) struct SpeedLimiter {
     images_per_turn: u16,
     periods_s: heapless::HistoryBuf<f32, PERIODS>,
     answers_s: heapless::HistoryBuf<f32, PERIODS>,
-    /// The last photo that is known to be good.
+    /// The last photo that is known to be good; the scan's start before the first.
     good: Option<Anchor>,
     /// A photo whose fate is open.
     open: Option<Anchor>,
@@ -83,10 +84,11 @@ impl SpeedLimiter {
         }
     }
 
-    /// Forgets an earlier scan.
+    /// Forgets an earlier scan. The way counts from here, so that a camera that never takes a photo stops the vehicle.
     pub(crate) fn begin(&mut self, now_us: u64) {
         *self = Self::new(self.parameters, self.images_per_turn);
         self.last_us = now_us;
+        self.good = Some(Anchor { time_us: now_us, travelled_m: 0.0, is_photo: false });
     }
 
     /// Whether a gap halves the limit.
@@ -96,7 +98,7 @@ impl SpeedLimiter {
 
     /// A photo was exposed; its fate is open.
     pub(crate) fn photo_exposed(&mut self, time_us: u64) {
-        self.open = Some(Anchor { time_us, travelled_m: 0.0 });
+        self.open = Some(Anchor { time_us, travelled_m: 0.0, is_photo: true });
         self.step_m = None;
     }
 
@@ -104,7 +106,7 @@ impl SpeedLimiter {
     pub(crate) fn photo_good(&mut self, now_us: u64, index: u32) {
         let Some(open) = self.open.take() else { return };
         self.answers_s.write(seconds(open.time_us, now_us));
-        if let Some(good) = self.good {
+        if let Some(good) = self.good.filter(|anchor| anchor.is_photo) {
             self.periods_s.write(seconds(good.time_us, open.time_us));
         }
         self.good = Some(open);
@@ -194,6 +196,19 @@ mod tests {
     #[test]
     fn before_the_first_photo_the_expected_period_counts() {
         assert!((at(&mut limiter(), 0.0, 0.0) - 0.9 * STEP_M / 2.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn without_a_first_photo_the_vehicle_stops_within_one_step() {
+        let mut limiter = limiter();
+        limiter.begin(0);
+        let (mut speed_mps, mut way_m) = (0.0, 0.0);
+        for tick in 0..600 {
+            speed_mps = at(&mut limiter, tick as f32 * 0.05, speed_mps);
+            way_m += speed_mps * 0.05;
+        }
+        assert!(way_m <= 0.9 * STEP_M * 1.05, "{way_m} m without a photo");
+        assert!(speed_mps < 0.005, "still {speed_mps} m/s");
     }
 
     #[test]
