@@ -10,6 +10,7 @@ pub mod ingest;
 pub mod matching;
 pub mod model;
 pub mod pipeline;
+pub mod plan;
 pub mod poses;
 pub mod prior;
 pub mod raster;

@@ -2,6 +2,7 @@
 
 mod evaluate;
 mod ingest;
+mod plan;
 mod reconstruct;
 
 use std::io::Write;
@@ -52,6 +53,7 @@ pub(crate) struct Common {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Plan(plan::Arguments),
     Ingest(ingest::Arguments),
     Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
@@ -60,6 +62,7 @@ enum Command {
 impl Cli {
     pub(crate) fn run(self) -> Result<Answer> {
         match self.command {
+            Command::Plan(arguments) => plan::run(&arguments, &self.common),
             Command::Ingest(arguments) => ingest::run(&arguments, &self.common),
             Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),

@@ -62,7 +62,7 @@ impl Coverage {
 }
 
 /// Measures coverage from the number of photos per cell of the lattice. `stretch`: the x range that is judged.
-pub(super) fn measure(counts: &[u16], lattice: &Lattice, profile: &Profile<f64>, stretch: [f64; 2]) -> Coverage {
+pub(crate) fn measure(counts: &[u16], lattice: &Lattice, profile: &Profile<f64>, stretch: [f64; 2]) -> Coverage {
     let cell_area_m2 = lattice.step_s_m * lattice.step_x_m;
     let judged = |row: usize| (stretch[0]..=stretch[1]).contains(&lattice.x_m(row as i64));
     let mut cells = 0_usize;
@@ -152,7 +152,7 @@ pub(crate) const COVERAGE_COLOURS: [[u8; 3]; 5] =
     [[178, 34, 52], [240, 150, 60], [250, 220, 110], [150, 200, 120], [50, 130, 90]];
 
 /// Paints the counts, one pixel per cell.
-pub(super) fn picture(counts: &[u16], lattice: &Lattice, stretch: [f64; 2]) -> Rgba8 {
+pub(crate) fn picture(counts: &[u16], lattice: &Lattice, stretch: [f64; 2]) -> Rgba8 {
     let mut picture = Rgba8::new(lattice.columns, lattice.rows);
     for row in 0..lattice.rows {
         let judged = (stretch[0]..=stretch[1]).contains(&lattice.x_m(row as i64));

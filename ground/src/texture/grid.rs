@@ -91,22 +91,22 @@ pub fn profile_json(profile: &ProfileSpec<f64>) -> Value {
 
 /// Square cells over the unrolled wall; a whole number of cells goes around, columns wrap.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Lattice {
+pub(crate) struct Lattice {
     /// Width of a cell around the wall.
-    pub(super) step_s_m: f64,
+    pub(crate) step_s_m: f64,
     /// Height of a cell along the axis.
-    pub(super) step_x_m: f64,
+    pub(crate) step_x_m: f64,
     /// Cells around.
-    pub(super) columns: usize,
+    pub(crate) columns: usize,
     /// Cells along the axis.
-    pub(super) rows: usize,
+    pub(crate) rows: usize,
     /// Upper edge of the first row.
-    pub(super) x0_m: f64,
+    pub(crate) x0_m: f64,
 }
 
 impl Lattice {
     /// Returns the coarse lattice whose cells divide into [`MID_PER_COARSE`] cells of about `mid_m` per side.
-    pub(super) fn coarse(perimeter_m: f64, mid_m: f64, x0_m: f64, x1_m: f64) -> Self {
+    pub(crate) fn coarse(perimeter_m: f64, mid_m: f64, x0_m: f64, x1_m: f64) -> Self {
         let columns = (perimeter_m / (mid_m * MID_PER_COARSE as f64)).round().max(8.0);
         let step_s_m = perimeter_m / columns;
         let rows = ((x1_m - x0_m) / step_s_m).ceil().max(1.0);
@@ -114,7 +114,7 @@ impl Lattice {
     }
 
     /// Returns the lattice of [`MID_PER_COARSE`] times finer cells.
-    pub(super) fn finer(&self) -> Self {
+    pub(crate) fn finer(&self) -> Self {
         let factor = MID_PER_COARSE as f64;
         Self {
             step_s_m: self.step_s_m / factor,
@@ -126,17 +126,17 @@ impl Lattice {
     }
 
     /// Arc length of a column's centre; `column` may be outside `0..columns`.
-    pub(super) fn s_m(&self, column: i64) -> f64 {
+    pub(crate) fn s_m(&self, column: i64) -> f64 {
         (column as f64 + 0.5) * self.step_s_m
     }
 
     /// Place of a row's centre along the axis.
-    pub(super) fn x_m(&self, row: i64) -> f64 {
+    pub(crate) fn x_m(&self, row: i64) -> f64 {
         self.x0_m + (row as f64 + 0.5) * self.step_x_m
     }
 
     /// The column's index in `0..columns`.
-    pub(super) fn wrap(&self, column: i64) -> usize {
+    pub(crate) fn wrap(&self, column: i64) -> usize {
         column.rem_euclid(self.columns as i64) as usize
     }
 }

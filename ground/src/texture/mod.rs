@@ -28,18 +28,18 @@ use std::time::Instant;
 use adit_geometry::profile::Profile;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use coverage::COVERAGE_COLOURS;
+pub(crate) use coverage::{COVERAGE_COLOURS, measure, picture};
 pub use coverage::{Coverage, Hole, clock_position};
 pub use error::TextureError;
 pub(crate) use error::at_path;
+pub(crate) use grid::Lattice;
 pub use grid::{PanoramaGrid, profile_json};
 pub use sink::Sheet;
-pub(crate) use tiles::read_png;
 pub use tiles::{PixelBox, Rgba8, TILE_PX, TileReader};
+pub(crate) use tiles::{read_png, write_png};
 
 use crate::poses::Reconstruction;
 use crate::survey::{Loss, Survey};
-use grid::Lattice;
 use scout::{Candidate, Scouted};
 use sink::Sinks;
 use strips::StripJob;

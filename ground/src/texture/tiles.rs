@@ -168,7 +168,7 @@ fn halve(upper: &[u8], lower: &[u8], out: &mut Vec<u8>) {
 }
 
 /// Writes an RGBA picture.
-pub(super) fn write_png(path: &Path, width: usize, height: usize, rgba: &[u8]) -> Result<(), TextureError> {
+pub(crate) fn write_png(path: &Path, width: usize, height: usize, rgba: &[u8]) -> Result<(), TextureError> {
     let file = File::create(path).map_err(at_path(path))?;
     let failed = |source| TextureError::PngWrite { path: path.to_owned(), source };
     let mut encoder = png::Encoder::new(BufWriter::new(file), width as u32, height as u32);

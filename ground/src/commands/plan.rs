@@ -1,0 +1,45 @@
+//! `adit plan`.
+
+use std::path::PathBuf;
+
+use adit_ground::plan::{plan, write};
+use adit_protocol::mission::Mission;
+use anyhow::{Context, Result};
+use clap::Args;
+
+use super::{Answer, Common, print};
+
+/// See before the flight how fast, how many photos, how long, and what they will show.
+///
+/// Prints the largest step per image and the speed by the paper's law and by the exact bound (every wall point in one or
+/// in two photos) over the vehicle's distance from the axis; then photos, time, storage, millimetres per pixel and the
+/// predicted coverage of the flight that the mission file asks for.
+///
+/// With --out, plan.json (all figures), coverage.png (predicted number of photos; columns around the wall from the crown
+/// clockwise, rows along the axis; red means none) and speed.svg are written.
+///
+/// The answer is no (exit code 1) if the mission cannot be flown as planned: no speed is allowed on the axis, the battery
+/// is too short or the card too small.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  adit plan hil-sim/missions/demo.toml\n  \
+    adit plan mission.toml --out plan --json")]
+pub(super) struct Arguments {
+    /// The mission file
+    #[arg(value_name = "MISSION.toml")]
+    mission: PathBuf,
+    /// Folder for plan.json and the pictures; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
+    let file = arguments.mission.display();
+    let text = std::fs::read_to_string(&arguments.mission).with_context(|| format!("cannot read mission {file}"))?;
+    let mission = Mission::from_toml(&text).with_context(|| format!("mission {file}"))?;
+    let plan = plan(&mission).with_context(|| format!("mission {file}"))?;
+    if let Some(out) = &arguments.out {
+        write(&plan, out)?;
+    }
+    print(&plan, common)?;
+    Ok(if plan.is_flyable() { Answer::Yes } else { Answer::No })
+}

@@ -1,0 +1,175 @@
+//! What a plan warns of, and what forbids the flight.
+
+use adit_geometry::angles;
+use adit_protocol::mission::Mission;
+use serde::ser::SerializeStruct;
+use serde::{Serialize, Serializer};
+
+use super::{Pace, Plan, Standstill};
+
+/// Coarser pixels hide cracks of a few millimetres.
+const COARSEST_MM: f64 = 5.0;
+/// A photo is blurred by the vehicle's way during the exposure; more than this is seen.
+const BLUR_PX: f64 = 1.0;
+/// Mission files hold times in single precision.
+const ROUNDING_S: f64 = 1e-4;
+
+/// One thing to mind. Serialised as its text and whether it forbids the flight.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Finding {
+    /// Not even on the axis may the vehicle move.
+    #[error("no speed is allowed on the axis: {0}")]
+    NoSpeed(Standstill),
+    /// The photos do not fit onto the card.
+    #[error("{photos} photos of flight.photo_mb need {storage_gb:.1} GB, flight.card_gb is {card_gb}")]
+    Card {
+        /// Photos of the flight.
+        photos: u64,
+        /// Space they need.
+        storage_gb: f64,
+        /// The card.
+        card_gb: f64,
+    },
+    /// The battery is empty before the end.
+    #[error("the flight takes {duration_s:.0} s, flight.battery_s is {battery_s}")]
+    Battery {
+        /// Time of the flight.
+        duration_s: f64,
+        /// The battery.
+        battery_s: f64,
+    },
+    /// Part of the wall between the ends will be in no photo.
+    #[error("{holes} holes per turn are predicted between the ends of the flight")]
+    Holes {
+        /// Their number.
+        holes: usize,
+    },
+    /// The flight fails only if it goes badly.
+    #[error(
+        "at the worst place allowed (flight.offset_max_m = {offset_max_m}) and the camera's slowest answer the flight takes \
+         {duration_s:.0} s and {storage_gb:.1} GB, more than a battery or a card"
+    )]
+    Reserve {
+        /// Largest offset.
+        offset_max_m: f64,
+        /// Time of that flight.
+        duration_s: f64,
+        /// Space for its photos.
+        storage_gb: f64,
+    },
+    /// Within the offsets allowed there are places where the vehicle must stand.
+    #[error("within {offset_m:.2} m of the axis (flight.offset_max_m allows it) there is no speed: {standstill}")]
+    Offset {
+        /// Smallest offset of the table where it is so.
+        offset_m: f64,
+        /// Why.
+        standstill: Standstill,
+    },
+    /// Shaft and camera are slower than the mission expects.
+    #[error(
+        "flight.image_period_s is {period_s}, but shaft and camera need {needed_s:.2} s (turn, settle, light, shutter; or \
+         board.shutter.min_interval_s); the flight takes longer"
+    )]
+    Period {
+        /// The mission's.
+        period_s: f64,
+        /// What the board's settings need.
+        needed_s: f64,
+    },
+    /// Pixels are large somewhere.
+    #[error("the wall is shown at up to {mm_per_px:.1} mm per pixel, above {COARSEST_MM} mm cracks are missed")]
+    Coarse {
+        /// The largest.
+        mm_per_px: f64,
+    },
+    /// The vehicle's motion blurs the photos.
+    #[error("{blur_px:.1} pixels of motion blur: {speed_mps:.2} m/s during board.shutter.exposure_s = {exposure_s}")]
+    Blur {
+        /// Way during the exposure, in the finest pixels.
+        blur_px: f64,
+        /// Planned speed.
+        speed_mps: f64,
+        /// Longest exposure.
+        exposure_s: f64,
+    },
+}
+
+impl Finding {
+    /// Whether the mission cannot be flown as planned.
+    pub fn forbids(&self) -> bool {
+        matches!(self, Self::NoSpeed(_) | Self::Card { .. } | Self::Battery { .. })
+    }
+}
+
+impl Serialize for Finding {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut finding = serializer.serialize_struct("Finding", 2)?;
+        finding.serialize_field("text", &self.to_string())?;
+        finding.serialize_field("forbids", &self.forbids())?;
+        finding.end()
+    }
+}
+
+/// Everything to mind, what forbids the flight first.
+pub(super) fn findings(plan: &Plan, mission: &Mission) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if let (None, Some(row)) = (&plan.flight, plan.offsets.first()) {
+        findings.extend(row.standstill.map(Finding::NoSpeed));
+    }
+    if let Some(flight) = &plan.flight {
+        supplies(plan, &flight.planned, flight.slowest.as_ref(), &mut findings);
+        if let Some(row) = plan.offsets.iter().find(|row| row.standstill.is_some())
+            && let Some(standstill) = row.standstill
+        {
+            findings.push(Finding::Offset { offset_m: row.offset_m, standstill });
+        }
+    }
+    if let Some(between) = plan.between_ends.as_ref().filter(|between| between.hole_count > 0) {
+        findings.push(Finding::Holes { holes: between.hole_count });
+    }
+    let (period_s, needed_s) = (plan.asked.image_period_s, needed_s(mission));
+    if period_s < needed_s - ROUNDING_S {
+        findings.push(Finding::Period { period_s, needed_s });
+    }
+    if let Some(pixel) = &plan.pixel {
+        if pixel.wall.max_mm > COARSEST_MM {
+            findings.push(Finding::Coarse { mm_per_px: pixel.wall.max_mm });
+        }
+        let speed_mps = plan.flight.map_or(0.0, |flight| flight.planned.speed_mps);
+        let exposure_s = (f64::from(mission.board.shutter.exposure_s) * 1e6).round() / 1e6;
+        let blur_px = speed_mps * exposure_s * 1000.0 / pixel.wall.min_mm;
+        if blur_px > BLUR_PX {
+            findings.push(Finding::Blur { blur_px, speed_mps, exposure_s });
+        }
+    }
+    findings
+}
+
+/// Cards and batteries.
+fn supplies(plan: &Plan, planned: &Pace, slowest: Option<&Pace>, findings: &mut Vec<Finding>) {
+    let asked = &plan.asked;
+    if let Some(card_gb) = asked.card_gb.filter(|card_gb| planned.storage_gb > *card_gb) {
+        findings.push(Finding::Card { photos: planned.photos, storage_gb: planned.storage_gb, card_gb });
+    }
+    if let Some(battery_s) = asked.battery_s.filter(|battery_s| planned.duration_s > *battery_s) {
+        findings.push(Finding::Battery { duration_s: planned.duration_s, battery_s });
+    }
+    let too_much = |share: Option<f64>| share.is_some_and(|share| share > 1.0);
+    if findings.is_empty()
+        && let Some(slowest) = slowest.filter(|pace| too_much(pace.card_share) || too_much(pace.battery_share))
+    {
+        let offset_max_m = plan.offsets.last().map_or(0.0, |row| row.offset_m);
+        let Pace { duration_s, storage_gb, .. } = *slowest;
+        findings.push(Finding::Reserve { offset_max_m, duration_s, storage_gb });
+    }
+}
+
+/// Shortest time between two images, from the board's settings: the turn from one image to the next, settling, the
+/// light's lead, the shutter's latest exposure; or the camera's shortest interval.
+fn needed_s(mission: &Mission) -> f64 {
+    let (shaft, shutter) = (&mission.board.shaft, &mission.board.shutter);
+    let step_rad = angles::shaft_step_rad::<f64>(mission.survey.rig.images_per_turn);
+    let turn_s = step_rad / f64::from(shaft.slew_radps) + f64::from(shaft.settle_dwell_s);
+    let photo_s = shutter.light_lead_s + shutter.trigger_latency_max_s + shutter.exposure_s;
+    (turn_s + f64::from(photo_s)).max(f64::from(shutter.min_interval_s))
+}
