@@ -7,8 +7,6 @@ use serde::{Serialize, Serializer};
 
 use super::{Pace, Plan, Standstill};
 
-/// Coarser pixels hide cracks of a few millimetres.
-const COARSEST_MM: f64 = 5.0;
 /// A photo is blurred by the vehicle's way during the exposure; more than this is seen.
 const BLUR_PX: f64 = 1.0;
 /// Mission files hold times in single precision.
@@ -77,8 +75,10 @@ pub enum Finding {
         needed_s: f64,
     },
     /// Pixels are large somewhere.
-    #[error("the wall is shown at up to {mm_per_px:.1} mm per pixel, above {COARSEST_MM} mm cracks are missed")]
+    #[error("{percent:.1} % of the wall is shown at more than 5 mm per pixel, at worst {mm_per_px:.1} mm")]
     Coarse {
+        /// Share of the wall in percent.
+        percent: f64,
         /// The largest.
         mm_per_px: f64,
     },
@@ -132,8 +132,9 @@ pub(super) fn findings(plan: &Plan, mission: &Mission) -> Vec<Finding> {
         findings.push(Finding::Period { period_s, needed_s });
     }
     if let Some(pixel) = &plan.pixel {
-        if pixel.wall.max_mm > COARSEST_MM {
-            findings.push(Finding::Coarse { mm_per_px: pixel.wall.max_mm });
+        if pixel.wall.coarse_share > 0.0 {
+            let percent = pixel.wall.coarse_share * 100.0;
+            findings.push(Finding::Coarse { percent, mm_per_px: pixel.wall.max_mm });
         }
         let speed_mps = plan.flight.map_or(0.0, |flight| flight.planned.speed_mps);
         let exposure_s = (f64::from(mission.board.shutter.exposure_s) * 1e6).round() / 1e6;

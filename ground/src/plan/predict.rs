@@ -16,6 +16,8 @@ use crate::texture::{Coverage, Lattice, Rgba8, measure, picture};
 const CELL_M: f64 = 0.02;
 /// Longest flight that is counted cell by cell. A longer one repeats its middle.
 const LONGEST_M: f64 = 30.0;
+/// Pixels above this are called coarse.
+const COARSE_MM: f64 = 5.0;
 /// Wall lines and places along one turn's advance at which pixels are measured.
 const LINES: u32 = 240;
 const PLACES: u32 = 12;
@@ -35,6 +37,8 @@ pub struct PixelSize {
     pub median_mm: f64,
     /// Where it is coarsest.
     pub max_mm: f64,
+    /// Share of the wall where it is coarser than 5 mm, and cracks of some millimetres are missed.
+    pub coarse_share: f64,
 }
 
 /// Pixel sizes over the section.
@@ -138,7 +142,9 @@ fn finest_mm(setting: &Setting<'_>, line: &WallLine<f64>, step_m: f64, x_m: f64)
 fn spread(mut samples_mm: Vec<f64>) -> Option<PixelSize> {
     samples_mm.sort_by(f64::total_cmp);
     let median_mm = *samples_mm.get(samples_mm.len() / 2)?;
-    Some(PixelSize { min_mm: *samples_mm.first()?, median_mm, max_mm: *samples_mm.last()? })
+    let coarse = samples_mm.iter().filter(|mm| **mm > COARSE_MM).count();
+    let coarse_share = coarse as f64 / samples_mm.len() as f64;
+    Some(PixelSize { min_mm: *samples_mm.first()?, median_mm, max_mm: *samples_mm.last()?, coarse_share })
 }
 
 /// On the axis.

@@ -53,7 +53,7 @@ impl fmt::Display for Plan {
             }
         }
         if let (Some(between), Some(coverage)) = (&self.between_ends, &self.coverage) {
-            writeln!(out, "\n{:<20}{:>8}{:>8}{:>8}", "wall seen by", "1+", "2+", "3+ photos")?;
+            writeln!(out, "\n{:<20}{:>9}{:>9}{:>9} photos", "wall seen by", "1+", "2+", "3+")?;
             shares(out, "between the ends", between)?;
             let label = if coverage.x_to_m < self.asked.length_m { "flight of 30 m" } else { "whole flight" };
             shares(out, label, coverage)?;
@@ -139,7 +139,7 @@ fn shares(out: &mut fmt::Formatter<'_>, label: &str, coverage: &Coverage) -> fmt
     write!(out, "{label:<20}")?;
     for share in coverage.seen_share {
         // Rounded down: 100 % is said only of all of it.
-        write!(out, "{:>6.2} %", (share * 10_000.0).floor() / 100.0)?;
+        write!(out, "{:>7.2} %", (share * 10_000.0).floor() / 100.0)?;
     }
     writeln!(out)
 }

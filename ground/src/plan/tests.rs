@@ -33,10 +33,16 @@ fn nulls(plan: &Plan) -> Vec<String> {
 }
 
 #[test]
-fn the_missions_plan_without_a_warning() {
+fn the_missions_plan_without_a_wrong_warning() {
     for name in ["demo.toml", "underpass.toml"] {
         let plan = planned(&text(name));
-        assert_eq!(plan.findings, [], "{name}");
+        // The underpass's corners are seen at a slant; nothing else is to be minded.
+        let corners = |finding: &Finding| matches!(finding, Finding::Coarse { percent, .. } if *percent < 15.0);
+        assert!(
+            plan.findings.iter().all(|finding| name == "underpass.toml" && corners(finding)),
+            "{:?}",
+            plan.findings
+        );
         let between = plan.between_ends.unwrap();
         assert_eq!(between.seen_share[..2], [1.0, 1.0], "{name}: two views are what the bound promises");
     }
@@ -76,10 +82,11 @@ fn the_papers_row_is_its_law_for_the_largest_circle_around_the_axis() {
 
 #[test]
 fn the_speed_is_the_boards_steady_one() {
+    let asked = mission(&text("demo.toml")).flight;
     let plan = planned(&text("demo.toml"));
     let (centred, flight) = (plan.offsets[0], plan.flight.unwrap());
-    // Margin 0.9, period 1 s, latency 0.5 s.
-    assert!((flight.planned.speed_mps - centred.two_views.step_m * 0.9 / 1.5).abs() < 1e-9);
+    let steady_mps = centred.two_views.step_m * asked.speed_margin / (asked.image_period_s + asked.latency_s);
+    assert!((flight.planned.speed_mps - steady_mps).abs() < 1e-9);
     assert!((flight.planned.duration_s * flight.planned.speed_mps - 10.0).abs() < 1e-9);
     let slowest = flight.slowest.unwrap();
     assert!(slowest.speed_mps < flight.planned.speed_mps && slowest.photos > flight.planned.photos);
@@ -93,7 +100,9 @@ fn a_short_battery_and_a_small_card_forbid_the_flight() {
     let short = planned(&text("demo.toml").replace("battery_s = 900.0", "battery_s = 40.0"));
     assert!(matches!(short.findings[..], [Finding::Battery { .. }]), "{:?}", short.findings);
     assert!(!short.is_flyable());
-    let small = planned(&text("demo.toml").replace("photo_mb = 0.4", "photo_mb = 500"));
+    let small = planned(
+        &text("demo.toml").replace("photo_mb = 0.4", "photo_mb = 500").replace("card_gb = 32.0", "card_gb = 10.0"),
+    );
     assert!(matches!(small.findings[..], [Finding::Card { .. }]), "{:?}", small.findings);
     assert!(!small.is_flyable());
     assert!(planned(&text("demo.toml")).is_flyable());
@@ -182,9 +191,10 @@ fn holes_vanish_at_the_planned_step_and_appear_above_the_exact_bound() {
 fn the_wall_straight_ahead_is_as_fine_as_distance_over_focal_length() {
     let plan = planned(&text("demo.toml"));
     let wall = plan.pixel.unwrap().wall;
-    // 1.5 m less the lever of 0.06 m, at 466 pixels: 3.09 mm where the axis meets the wall.
-    assert!((wall.min_mm - 3.09).abs() < 0.06, "{wall:?}");
-    assert!(wall.median_mm >= wall.min_mm && wall.max_mm >= wall.median_mm, "{wall:?}");
+    // 1.5 m less the lever of 0.06 m, at 466 pixels: 3.09 mm where the axis meets the wall. Beside it the round wall is
+    // less deep in the image, down to the cosine of half the view.
+    assert!((wall.max_mm - 3.09).abs() < 0.1, "{wall:?}");
+    assert!(wall.min_mm > 3.09 * 48f64.to_radians().cos() && wall.median_mm < wall.max_mm, "{wall:?}");
     let parts: Vec<Part> =
         planned(&text("underpass.toml")).pixel.unwrap().parts.iter().map(|(part, _)| *part).collect();
     assert_eq!(parts, [Part::Ceiling, Part::RightWall, Part::Floor, Part::LeftWall]);
