@@ -87,7 +87,7 @@ pub(super) fn speed_svg(plan: &Plan) -> String {
     for row in &plan.offsets {
         let _ = writeln!(
             svg,
-            "<text x=\"{:.1}\" y=\"{}\" text-anchor=\"middle\">{:.2}</text>",
+            "<text x=\"{:.1}\" y=\"{}\" text-anchor=\"middle\">{:.3}</text>",
             x(row.offset_m),
             BOTTOM + 20.0,
             row.offset_m
@@ -96,7 +96,7 @@ pub(super) fn speed_svg(plan: &Plan) -> String {
     let _ = writeln!(
         svg,
         "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">largest offset sideways and vertically, m</text>",
-        (LEFT + RIGHT) / 2.0,
+        f64::midpoint(LEFT, RIGHT),
         BOTTOM + 45.0
     );
     for ((name, colour, value), label_y) in

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use adit_geometry::SectionVector;
 use adit_geometry::coverage::{Scene, WallLine, resolution};
-use adit_geometry::profile::{Part, Profile};
+use adit_geometry::profile::{Part, Piece, Profile};
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -94,7 +94,7 @@ pub(super) fn pixel_sizes(setting: &Setting<'_>, scene: &Scene<'_, f64>, step_m:
         .into_par_iter()
         .filter_map(|index| scene.wall_line((f64::from(index) + 0.5) * spacing_m))
         .flat_map_iter(|line| {
-            let part = setting.profile.pieces().get(line.surface.piece).map_or(Part::Lining, |piece| piece.part());
+            let part = setting.profile.pieces().get(line.surface.piece).map_or(Part::Lining, Piece::part);
             (0..PLACES).filter_map(move |place| {
                 let turn_m = step_m * f64::from(setting.mission.survey.rig.images_per_turn);
                 let finest = finest_mm(setting, &line, step_m, turn_m * f64::from(place) / f64::from(PLACES));
