@@ -33,7 +33,7 @@ enum Verb {
 
 #[derive(Args)]
 struct FlyArguments {
-    /// Mission file (TOML) with tables [tunnel], [camera], [rig], [flight], [simulation].
+    /// Mission file (TOML) with tables tunnel, camera, rig, flight and simulation.
     mission: PathBuf,
     /// Folder to write to; made if it is not there.
     #[arg(long)]

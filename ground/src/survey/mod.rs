@@ -1,6 +1,6 @@
 //! A survey folder in memory: configuration, tags, photos and masks, checked.
 //!
-//! [`load`] reads everything but the pixels. What makes the survey unusable is an error; a single photo or tag that
+//! [`load()`] reads everything but the pixels. What makes the survey unusable is an error; a single photo or tag that
 //! cannot be used is a named [`Loss`] and the rest goes on. Pixels come from [`decode_rgb`], [`decode_luma`] and
 //! [`load_mask`], one photo at a time.
 

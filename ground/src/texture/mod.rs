@@ -3,7 +3,7 @@
 //! Two passes over the photos. The first measures what each photo shows of the wall (quality = photo pixels per metre
 //! in the worse direction, lowered towards the border) and samples its colours, from which exposure and vignetting are
 //! solved together. The second makes the panorama in strips: per texel the best photo gives the detail, all good
-//! photos together give the brightness ([`blend`]). Memory holds a strip and the photos around it, whatever the
+//! photos together give the brightness (`blend`). Memory holds a strip and the photos around it, whatever the
 //! tunnel's length; each photo is decoded twice as long as the photos around a strip fit into the cache.
 
 mod blend;
