@@ -122,6 +122,9 @@ impl Run<'_> {
         let solver = Solver::new(survey, self.options.solve)?;
         let key = Key::of_survey(survey)?.then("prior", &())?;
         let prior = self.stage(Stage::Prior, key, photos, &[], |_| Ok(solver.prior()), say_prior)?;
+        if prior.size.is_some_and(|size| size.contradicts_nominal()) {
+            tracing::warn!("the ranges contradict the section's size in survey.toml, which is the survey's scale");
+        }
         if self.ends_with(Stage::Prior) {
             return Ok(());
         }
@@ -135,6 +138,7 @@ impl Run<'_> {
         let key = key.then("match", &())?;
         let matches =
             self.stage(Stage::Match, key, photos, &[], |progress| Ok(solver.fine(&coarse, progress)), say_match)?;
+        tell_doubtful(&matches.round);
         if self.ends_with(Stage::Match) {
             return Ok(());
         }
@@ -279,6 +283,13 @@ fn say_coarse(stage: &CoarseStage) -> (String, serde_json::Value) {
         report.median_after_px
     );
     (line, json!({ "round": stage.round, "adjustment": report }))
+}
+
+/// Names the pairs that should overlap but hardly agree, for `-v`.
+fn tell_doubtful(round: &RoundSummary) {
+    for (first, second) in &round.doubtful {
+        tracing::info!("{first} and {second} should overlap, but less than half of their matches agree");
+    }
 }
 
 fn say_match(stage: &MatchStage) -> (String, serde_json::Value) {

@@ -22,6 +22,9 @@ use crate::survey::{Loss, Survey};
 
 /// One standard deviation of a match in the coarse round, pixels of the photo.
 const COARSE_MATCH_PX: f64 = 0.8;
+/// One standard deviation, against its neighbours, of a pose that the coarse round found: optical centre (metres), rotation
+/// (radians). What all photos share (the roll gauge, the frame) moves no match.
+const COARSE_SIGMAS: [f64; 2] = [0.002, 0.0005];
 /// One standard deviation of a match in the fine round, pixels of the photo.
 const FINE_MATCH_PX: f64 = 0.3;
 /// No match is better than this, whatever the residuals say: the camera model itself is not.
@@ -63,8 +66,8 @@ pub struct PriorStage {
 pub struct CoarseStage {
     /// `tunnel_from_cam`, one per photo.
     pub poses: Vec<Isometry3<f64>>,
-    /// One standard deviation of a pose: optical centre (metres) and rotation (radians), worst axis.
-    pub sigmas: Vec<[f64; 2]>,
+    /// Photos that at least half of their pairs doubt, or without any pair: no better known than before.
+    pub doubtful: Vec<u32>,
     /// Mounting rotation vector (camera axes) and odometer scale.
     pub shared: ([f64; 3], f64),
     /// The round.
@@ -172,29 +175,17 @@ impl<'a> Solver<'a> {
     /// # Errors
     /// If the normal equations cannot be solved.
     pub fn coarse(&self, prior: &PriorStage, progress: &StageProgress) -> Result<CoarseStage> {
-        let sigma = &self.survey.config.sigma;
-        let rotation = sigma.shaft_rad.hypot(sigma.attitude_rad).hypot(sigma.mount_rad);
-        // The section position rests on two or three ranges; along the axis neighbours are an odometer step apart.
-        let position = 1.5 * sigma.range_m;
-        let sigmas = vec![[position, rotation]; prior.poses.len()];
+        let sigmas = vec![self.prior_sigmas(); prior.poses.len()];
         let config = MatchConfig::wide(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
         let (round, losses) = self.round(&prior.poses, &sigmas, &config, progress);
-        let mut points = self.points_on_wall(&round.tracks, &prior.poses);
-        let mount = self.survey.config.rig.mount_rotvec_rad;
+        let points = self.points_on_wall(&round.tracks, &prior.poses);
+        let mount_rotvec = Vector3::from(self.survey.config.rig.mount_rotvec_rad);
         let weights = Weights { pixel_px: COARSE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
-        let shared = Shared { mount_rotvec: Vector3::from(mount), odometer_scale: 0.0 };
-        let adjusted = {
-            let problem = self.problem(&prior.poses, &points, shared);
-            let adjusted = adjust(&problem, &weights)?;
-            move_points(&mut points, &adjusted);
-            adjusted
-        };
-        let problem = self.problem(&adjusted.poses, &points, adjusted.shared);
-        let sigmas = pose_sigmas(&problem, &weights, &adjusted)?;
-        let worst = |values: [f64; 3]| values.into_iter().fold(0.0, f64::max);
+        let shared = Shared { mount_rotvec, odometer_scale: 0.0 };
+        let adjusted = adjust(&self.problem(&prior.poses, &points, shared), &weights)?;
         Ok(CoarseStage {
+            doubtful: round.doubtful_photos(adjusted.poses.len()),
             poses: adjusted.poses,
-            sigmas: sigmas.iter().map(|sigma| [worst(sigma.position_m), worst(sigma.rotation_rad)]).collect(),
             shared: (adjusted.shared.mount_rotvec.into(), adjusted.shared.odometer_scale),
             round: RoundSummary::new(&round, self.survey),
             adjustment: adjusted.report,
@@ -202,12 +193,20 @@ impl<'a> Solver<'a> {
         })
     }
 
+    /// One standard deviation of a prior pose: optical centre (metres) and rotation (radians).
+    fn prior_sigmas(&self) -> [f64; 2] {
+        let sigma = &self.survey.config.sigma;
+        // The section position rests on two or three ranges; along the axis neighbours are an odometer step apart.
+        [1.5 * sigma.range_m, sigma.shaft_rad.hypot(sigma.attitude_rad).hypot(sigma.mount_rad)]
+    }
+
     /// The fine round, at the photos' own resolution.
     pub fn fine(&self, coarse: &CoarseStage, progress: &StageProgress) -> MatchStage {
         let config = MatchConfig::fine(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
-        // What all photos share (the roll gauge, the frame) moves no match: the coarse round's own window suffices.
-        let step_m = config.grid_m;
-        let sigmas: Vec<[f64; 2]> = coarse.sigmas.iter().map(|[position, _]| [position.min(step_m), 0.0]).collect();
+        let mut sigmas = vec![COARSE_SIGMAS; coarse.poses.len()];
+        for &photo in &coarse.doubtful {
+            sigmas[photo as usize] = self.prior_sigmas();
+        }
         let (round, _) = self.round(&coarse.poses, &sigmas, &config, progress);
         let points = self.points_on_wall(&round.tracks, &coarse.poses);
         let tracks = points.into_iter().map(|point| track_of(&point, 0.0)).collect();
