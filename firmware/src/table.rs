@@ -7,9 +7,9 @@
 use adit_geometry::SectionVector;
 use adit_geometry::coverage::{Footprint, Scene, max_step};
 use adit_geometry::profile::Profile;
-use adit_geometry::speed::{FieldOfView, paper_step};
+use adit_geometry::speed::paper_step;
 use adit_protocol::parameters::{Parameters, SpeedBound};
-use nalgebra::{RealField, Vector2};
+use nalgebra::Vector2;
 
 /// Nodes per axis.
 const NODES: usize = 7;
@@ -124,19 +124,11 @@ fn bound_m(
         SpeedBound::Paper => {
             // As printed, for the largest circle around the axis; on no profile more than the exact bound.
             let radius_m = profile.nearest(Vector2::zeros())?.clearance_m;
-            let view = field_of_view(footprint)?;
+            let view = footprint.field_of_view()?;
             let paper = paper_step(radius_m, offset_m.norm(), view, rig.images_per_turn).ok()?;
             Some(paper.per_image_m.min(exact_m(1)?))
         }
     }
-}
-
-/// The fields of view that the paper's law takes, twice the smaller half each.
-fn field_of_view(footprint: &Footprint<f32>) -> Option<FieldOfView<f32>> {
-    let [from_rad, to_rad] = footprint.around_rad();
-    let [backward, forward] = footprint.slopes(0.0)?;
-    let slope = forward.min(-backward);
-    Some(FieldOfView { around_rad: 2.0 * to_rad.min(-from_rad), along_rad: 2.0 * RealField::atan2(slope, 1.0) })
 }
 
 #[cfg(test)]

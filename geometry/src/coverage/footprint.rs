@@ -89,6 +89,18 @@ impl<T: Real> Footprint<T> {
         [self.from_rad, self.to_rad]
     }
 
+    /// Returns the fields of view that the paper's law takes: twice the smaller half, around the section and along the axis.
+    ///
+    /// `None` only for a footprint with NaN.
+    pub fn field_of_view(&self) -> Option<FieldOfView<T>> {
+        let two = T::of(2.0);
+        let [backward, forward] = self.slopes(T::zero())?;
+        Some(FieldOfView {
+            around_rad: two * self.to_rad.min(-self.from_rad),
+            along_rad: two * forward.min(-backward).atan(),
+        })
+    }
+
     /// Returns the slopes `[backward, forward]` between which the image sees at an angle around the section.
     ///
     /// `None` outside [`Self::around_rad`]. Backward is zero or negative, forward zero or positive.

@@ -100,7 +100,7 @@ impl<'a> Setting<'a> {
         let profile = survey.profile.build()?;
         let footprint = Footprint::of_camera(&survey.camera.camera, &survey.rig, 0.0)?;
         let radius_m = profile.nearest(SectionVector::zeros()).map_or(0.0, |nearest| nearest.clearance_m);
-        let view = field_of_view(&footprint);
+        let view = footprint.field_of_view().unwrap_or(FieldOfView { around_rad: 0.0, along_rad: 0.0 });
         Ok(Self { mission, profile, footprint, view, radius_m })
     }
 
@@ -196,11 +196,4 @@ fn around_square(half_m: f64, index: u32) -> SectionVector<f64> {
     let (sin, cos) = (TAU * f64::from(index) / f64::from(PLACES)).sin_cos();
     let direction = SectionVector::new(sin, -cos);
     direction * (half_m / direction.amax())
-}
-
-/// Twice the smaller half each, around the section and along the axis.
-fn field_of_view(footprint: &Footprint<f64>) -> FieldOfView<f64> {
-    let [from_rad, to_rad] = footprint.around_rad();
-    let [backward, forward] = footprint.slopes(0.0).unwrap_or_default();
-    FieldOfView { around_rad: 2.0 * to_rad.min(-from_rad), along_rad: 2.0 * forward.min(-backward).atan() }
 }

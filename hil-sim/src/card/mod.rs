@@ -12,7 +12,7 @@
 mod log;
 mod truth;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use adit_protocol::log::EncodeError;
@@ -25,7 +25,7 @@ pub use log::log_bytes;
 use crate::check::Report;
 use crate::config::{CardConfig, Simulation};
 use crate::flight::Flight;
-use crate::render::card::{CardPlace, write_mask, write_photo};
+use crate::render::card::{CardPlace, write_file, write_mask, write_photo};
 use crate::render::truth::{TextureGeometry, write_poses, write_texture};
 use crate::render::{ExifTime, PhotoRenderer, RenderError, Shot};
 use crate::scene::paint::LiningPaint;
@@ -58,17 +58,9 @@ pub struct CardSource<'f> {
 /// Why a card could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum CardError {
-    /// A photo or the truth.
+    /// A photo, the truth or another file.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// A file.
-    #[error("{}: {source}", file.display())]
-    Write {
-        /// Which.
-        file: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
     /// The log.
     #[error("board.log: {0}")]
     Log(#[from] EncodeError),
@@ -111,15 +103,15 @@ pub fn photo_name(place: &CardPlace) -> String {
 /// [`CardError`] with the file.
 pub fn write_card(out: &Path, source: &CardSource<'_>, photos: Option<&(dyn Fn() + Sync)>) -> Result<(), CardError> {
     let CardSource { flight, simulation, .. } = source;
-    write(&out.join("board.log"), source.log)?;
-    write(&out.join("mission.toml"), source.mission_text.as_bytes())?;
+    write_file(&out.join("board.log"), source.log)?;
+    write_file(&out.join("mission.toml"), source.mission_text.as_bytes())?;
     let places = photo_places(flight, &simulation.card);
     let names: Vec<String> = places.iter().map(photo_name).collect();
     let truth = out.join("truth");
     let poses = names.iter().zip(&flight.exposures).map(|(name, exposure)| (name.as_str(), &exposure.tunnel_from_cam));
     write_poses(&truth.join("poses.csv"), poses)?;
-    write(&truth.join("photos.csv"), truth::photos_csv(flight, &names).as_bytes())?;
-    write(&truth.join("flight.csv"), truth::flight_csv(flight).as_bytes())?;
+    write_file(&truth.join("photos.csv"), truth::photos_csv(flight, &names).as_bytes())?;
+    write_file(&truth.join("flight.csv"), truth::flight_csv(flight).as_bytes())?;
     let mut truth_files = vec!["truth/poses.csv", "truth/photos.csv", "truth/flight.csv"];
     if let Some(after_each) = photos {
         write_photos(out, source, &places, after_each)?;
@@ -138,8 +130,8 @@ pub fn write_card(out: &Path, source: &CardSource<'_>, photos: Option<&(dyn Fn()
         simulation,
     };
     let text = serde_json::to_string_pretty(&json)
-        .map_err(|error| CardError::Write { file: out.join("flight.json"), source: error.into() })?;
-    write(&out.join("flight.json"), text.as_bytes())
+        .map_err(|error| RenderError::Write { file: out.join("flight.json"), source: error.into() })?;
+    Ok(write_file(&out.join("flight.json"), text.as_bytes())?)
 }
 
 fn write_photos(
@@ -190,14 +182,6 @@ fn shot(index: u32, exposure: &Exposure) -> Shot {
         angular_velocity_rad_per_s: exposure.angular_velocity_rad_per_s,
         light_level: exposure.light_level,
     }
-}
-
-fn write(file: &Path, bytes: &[u8]) -> Result<(), CardError> {
-    let name = |source| CardError::Write { file: file.to_path_buf(), source };
-    if let Some(folder) = file.parent() {
-        std::fs::create_dir_all(folder).map_err(name)?;
-    }
-    std::fs::write(file, bytes).map_err(name)
 }
 
 #[cfg(test)]

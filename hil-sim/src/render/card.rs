@@ -91,7 +91,7 @@ pub(super) fn jpeg_size(width_px: usize, height_px: usize) -> Result<(u16, u16),
     Ok((u16::try_from(width_px).map_err(too_large)?, u16::try_from(height_px).map_err(too_large)?))
 }
 
-pub(super) fn write_file(file: &Path, bytes: &[u8]) -> Result<(), RenderError> {
+pub(crate) fn write_file(file: &Path, bytes: &[u8]) -> Result<(), RenderError> {
     let name = |source| RenderError::Write { file: file.to_path_buf(), source };
     if let Some(folder) = file.parent() {
         std::fs::create_dir_all(folder).map_err(name)?;
