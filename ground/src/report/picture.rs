@@ -1,6 +1,7 @@
 //! Pictures as data addresses, so that the page is one file.
 //!
-//! Maps of the wall lie on their side here: along the axis from left to right, from crown to crown from top to bottom.
+//! Maps of the wall are turned by a quarter here: along the axis from left to right, clockwise looking forward from bottom to
+//! top. A turn, not a reflection: what is written on the wall stays readable.
 
 use std::path::Path;
 
@@ -36,7 +37,7 @@ fn lying(picture: &Rgba8, longest_px: usize) -> Result<String, ReportError> {
     let stride = picture.width.max(picture.height).div_ceil(longest_px).max(1);
     let (width, height) = (picture.height.div_ceil(stride), picture.width.div_ceil(stride));
     let mut rgb = Vec::with_capacity(width * height * 3);
-    for column in (0..picture.width).step_by(stride) {
+    for column in (0..picture.width).step_by(stride).rev() {
         for row in (0..picture.height).step_by(stride) {
             let [r, g, b, alpha] = picture.at(column, row).map(u32::from);
             let over = |value: u32| ((value * alpha + u32::from(UNSEEN) * (255 - alpha)) / 255) as u8;
@@ -46,4 +47,32 @@ fn lying(picture: &Rgba8, longest_px: usize) -> Result<String, ReportError> {
     let mut jpeg = Vec::new();
     Encoder::new(&mut jpeg, QUALITY).encode(&rgb, width as u16, height as u16, ColorType::Rgb)?;
     Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
+}
+
+#[cfg(test)]
+mod tests {
+    use zune_jpeg::JpegDecoder;
+    use zune_jpeg::zune_core::bytestream::ZCursor;
+
+    use super::*;
+
+    #[test]
+    fn maps_are_turned_and_not_reflected() {
+        // Bright where s and x are small: the panorama's upper left corner.
+        let mut map = Rgba8::new(32, 16);
+        for row in 0..16 {
+            for column in 0..32 {
+                let value = if row < 8 && column < 16 { 250 } else { 5 };
+                map.set(column, row, [value, value, value, 255]);
+            }
+        }
+        let address = lying(&map, 64).unwrap();
+        let jpeg = STANDARD.decode(address.trim_start_matches("data:image/jpeg;base64,")).unwrap();
+        let mut decoder = JpegDecoder::new(ZCursor::new(jpeg));
+        let pixels = decoder.decode().unwrap();
+        let at = |column: usize, row: usize| pixels[(row * 16 + column) * 3];
+        assert_eq!(decoder.dimensions(), Some((16, 32)));
+        // Small x is left, small s is at the bottom.
+        assert!(at(2, 28) > 200 && at(13, 28) < 50 && at(2, 3) < 50);
+    }
 }
