@@ -6,6 +6,7 @@
 
 pub mod adjust;
 pub mod evaluate;
+mod files;
 pub mod ingest;
 pub mod matching;
 pub mod model;

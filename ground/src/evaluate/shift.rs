@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::poses::Spread;
 use super::wall_image::WallImage;
+use crate::adjust::median;
 
 /// Edge of a patch.
 const PATCH_M: f64 = 1.0;
@@ -55,7 +56,7 @@ pub(super) fn measure_shift(panorama: &WallImage, truth: &WallImage) -> ShiftEva
         .map(|patch| patch.find_shift().map(|shift_px| shift_px.map(|px| px * panorama.grid.mm_per_px)))
         .collect();
     let shifts: Vec<[f64; 2]> = found.iter().flatten().copied().collect();
-    let common = [0, 1].map(|axis| median(shifts.iter().map(|shift| shift[axis]).collect()));
+    let common = [0, 1].map(|axis| median(&shifts.iter().map(|shift| shift[axis]).collect::<Vec<_>>()));
     let length = |shift: &[f64; 2], origin: [f64; 2]| (shift[0] - origin[0]).hypot(shift[1] - origin[1]);
     ShiftEvaluation {
         patches: found.len(),
@@ -65,11 +66,6 @@ pub(super) fn measure_shift(panorama: &WallImage, truth: &WallImage) -> ShiftEva
         common_x_mm: common[1],
         relative_mm: Spread::of(shifts.iter().map(|shift| length(shift, common))),
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or_default()
 }
 
 /// A square of samples with a weight of 0 or 1 each.

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use adit_protocol::mission::Mission;
 
@@ -11,6 +11,7 @@ use super::card::CardPhoto;
 use super::flight::log_names;
 use super::pairing::Pairing;
 use super::{IngestError, IngestOptions, IngestReport};
+use crate::files;
 use crate::survey::{TagRow, write_tags};
 
 /// The file that says that a folder is ingest's own, and complete.
@@ -116,7 +117,7 @@ fn place(from: &Path, to: &Path) -> Result<(), IngestError> {
     if let Some(folder) = to.parent() {
         fs::create_dir_all(folder).map_err(write_error)?;
     }
-    let beside = beside(to);
+    let beside = files::beside(to);
     if beside.exists() {
         fs::remove_file(&beside).map_err(write_error)?;
     }
@@ -149,16 +150,5 @@ fn write_config(path: &Path, text: &[u8]) -> Result<(), IngestError> {
 }
 
 fn write_whole(path: &Path, content: &[u8]) -> Result<(), IngestError> {
-    let write = || {
-        let beside = beside(path);
-        fs::write(&beside, content)?;
-        fs::rename(&beside, path)
-    };
-    write().map_err(|source| IngestError::Write { path: path.to_owned(), source })
-}
-
-fn beside(path: &Path) -> PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".new");
-    path.with_file_name(name)
+    files::write_whole(path, content).map_err(|source| IngestError::Write { path: path.to_owned(), source })
 }

@@ -5,7 +5,6 @@
 //! means another input, and the stage runs again.
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -13,6 +12,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
+use crate::files::write_whole;
 use crate::survey::Survey;
 
 /// Digest of everything that a stage's result depends on.
@@ -96,27 +96,13 @@ impl Checkpoints {
     pub fn store<T: Serialize>(&self, stage: &str, key: Key, result: &T) -> Result<()> {
         let mut content = key.0.to_vec();
         content.extend(postcard::to_stdvec(result).with_context(|| format!("cannot encode the result of {stage}"))?);
-        write_whole(&self.path(stage), &content)
+        let path = self.path(stage);
+        write_whole(&path, &content).with_context(|| format!("cannot write {}", path.display()))
     }
 
     fn path(&self, stage: &str) -> PathBuf {
         self.folder.join(format!("{stage}.bin"))
     }
-}
-
-/// Writes a file so that it is whole or absent: to a temporary name beside it, flushed, renamed.
-///
-/// # Errors
-/// If it cannot be written.
-pub fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
-    let temporary = path.with_extension("partial");
-    let write = || -> std::io::Result<()> {
-        let mut file = fs::File::create(&temporary)?;
-        file.write_all(content)?;
-        file.sync_all()?;
-        fs::rename(&temporary, path)
-    };
-    write().with_context(|| format!("cannot write {}", path.display()))
 }
 
 #[cfg(test)]

@@ -12,10 +12,11 @@ use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-pub use checkpoint::{Checkpoints, Key, write_whole};
+pub use checkpoint::{Checkpoints, Key};
 pub use progress::{StageProgress, Verbosity};
 pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver};
 
+use crate::files::write_whole;
 use crate::model::{self, ModelOptions, ModelReport};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction, write_poses};
 use crate::report::{self, ReportInput};
@@ -204,7 +205,8 @@ impl Run<'_> {
     fn write_poses(&self, poses: &[PhotoPose]) -> Result<()> {
         let mut table = Vec::new();
         write_poses(&mut table, poses)?;
-        write_whole(&self.options.out.join("poses.csv"), &table)
+        let path = self.options.out.join("poses.csv");
+        write_whole(&path, &table).with_context(|| format!("cannot write {}", path.display()))
     }
 
     fn ends_with(&self, stage: Stage) -> bool {
