@@ -56,6 +56,7 @@ struct Watched {
     position: Option<bool>,
     encoder: Option<bool>,
     autopilot: Option<bool>,
+    log: Option<bool>,
     overspeed: Option<bool>,
 }
 
@@ -156,6 +157,8 @@ impl Controller {
         }
         let events = [EventKind::AutopilotLost, EventKind::AutopilotRegained];
         self.note(|watched| &mut watched.autopilot, inputs.autopilot_alive, events);
+        let events = [EventKind::LogLost, EventKind::LogRegained];
+        self.note(|watched| &mut watched.log, !inputs.log_lost, events);
     }
 
     /// Notes a change of a watched state as an event: the first if it fell, the second if it rose.
@@ -170,12 +173,14 @@ impl Controller {
         let now_us = self.now_us;
         let boot = self.boot();
         let camera_busy = self.parameters.shutter.wiring != CaptureWiring::None && inputs.camera.busy;
-        let vitals = Vitals { position_known: self.position.status().is_some(), camera_busy };
+        let vitals =
+            Vitals { position_known: self.position.status().is_some(), camera_busy, log_lost: inputs.log_lost };
         let self_test = match self.mode {
             Mode::SelfTest => self.self_test.step(now_us, &mut self.shaft, vitals),
             _ => Test::Running,
         };
-        let impaired = !vitals.position_known || self.shaft.encoder_is_lost() || !inputs.autopilot_alive;
+        let impaired =
+            !vitals.position_known || self.shaft.encoder_is_lost() || !inputs.autopilot_alive || inputs.log_lost;
         let trouble = self.sequencer.trouble();
         let circumstances = Circumstances { boot, self_test, trouble, impaired, command: inputs.command };
         let (next, failure) = modes::next(self.mode, circumstances);
@@ -306,6 +311,7 @@ impl Controller {
         Outputs {
             mode: self.mode,
             shaft_setpoint_rad: self.shaft.setpoint_rad(),
+            servo_pulse_us: None,
             shutter: self.sequencer.shutter(self.now_us),
             light_level: self.sequencer.light_level(),
             speed_limit_mps,

@@ -51,6 +51,20 @@ impl RangeReading {
     }
 }
 
+impl RangeReading {
+    /// The raw value that decodes to this reading; what a family cannot say comes as its nearest kin.
+    pub fn to_raw(self, family: RangeFamily) -> u16 {
+        match (family, self) {
+            (_, Self::Measured(range_m)) => (range_m * 1000.0 + 0.5) as u16,
+            (RangeFamily::Evo, Self::TooClose | Self::Disconnected) => 0,
+            (RangeFamily::Evo, Self::CannotMeasure) => 1,
+            (RangeFamily::Evo, Self::TooFar) | (RangeFamily::OneHub, Self::Disconnected) => 0xFFFF,
+            (RangeFamily::One, _) | (RangeFamily::OneHub, Self::TooFar | Self::CannotMeasure) => 0,
+            (RangeFamily::OneHub, Self::TooClose) => 200,
+        }
+    }
+}
+
 /// The latest sample of a range sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RangeSample {
@@ -103,6 +117,8 @@ pub struct Inputs {
     pub command: Option<Command>,
     /// Has the autopilot's heartbeat been heard lately?
     pub autopilot_alive: bool,
+    /// Can the log not be written (card full, pulled, broken)?
+    pub log_lost: bool,
 }
 
 /// Where the vehicle is in the section.
@@ -142,6 +158,8 @@ pub struct Outputs {
     pub mode: Mode,
     /// Where the shaft shall be: section angle of the optical axis, grows over turns.
     pub shaft_setpoint_rad: f32,
+    /// Width of the servo's pulse in microseconds; `None`: no pulse, and the servo lets go.
+    pub servo_pulse_us: Option<f32>,
     /// Shutter line: true while it is held.
     pub shutter: bool,
     /// Brightness of the light, 0 to 1.
@@ -172,6 +190,10 @@ mod tests {
         for (raw_mm, expected) in rows {
             let families = [RangeFamily::Evo, RangeFamily::One, RangeFamily::OneHub];
             assert_eq!(families.map(|family| RangeReading::from_raw(family, raw_mm)), expected, "raw {raw_mm}");
+            for family in families {
+                let reading = RangeReading::from_raw(family, raw_mm);
+                assert_eq!(RangeReading::from_raw(family, reading.to_raw(family)), reading, "{family:?} {raw_mm}");
+            }
         }
     }
 }

@@ -19,7 +19,7 @@
 //! | Fault | Disarm, the parameters allow a scan | Idle |
 //!
 //! All else stays as it is. A command that makes no sense in a mode is ignored. Impaired: position unknown, encoder fitted
-//! but silent, or no heartbeat of the autopilot. Trouble: the shaft is stalled or the camera dead.
+//! but silent, no heartbeat of the autopilot, or a log that cannot be written. Trouble: the shaft is stalled or the camera dead.
 
 use adit_protocol::record::{Failure, Mode};
 

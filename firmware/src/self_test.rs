@@ -1,4 +1,4 @@
-//! The self-test: position known, shaft moves and comes to rest, encoder heard, camera not stuck.
+//! The self-test: position known, shaft moves and comes to rest, encoder heard, camera not stuck, log written.
 
 use adit_protocol::record::Failure;
 
@@ -14,6 +14,7 @@ const TIME_S: f32 = 5.0;
 pub(crate) struct Vitals {
     pub(crate) position_known: bool,
     pub(crate) camera_busy: bool,
+    pub(crate) log_lost: bool,
 }
 
 /// The self-test.
@@ -42,6 +43,8 @@ impl SelfTest {
             Some(Failure::Camera)
         } else if !vitals.position_known {
             Some(Failure::Centring)
+        } else if vitals.log_lost {
+            Some(Failure::Log)
         } else {
             None
         };

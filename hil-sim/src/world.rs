@@ -181,6 +181,7 @@ impl World {
             },
             command,
             autopilot_alive: true,
+            log_lost: false,
         }
     }
 

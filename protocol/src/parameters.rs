@@ -27,6 +27,8 @@ pub struct Parameters {
     pub shutter: ShutterParameters,
     /// The range sensors.
     pub ranges: RangeParameters,
+    /// The link to the autopilot.
+    pub link: LinkParameters,
     /// What is written to the log besides tags and events.
     pub log: LogParameters,
 }
@@ -84,7 +86,9 @@ impl Default for SpeedParameters {
 pub struct ShaftParameters {
     /// Is an absolute encoder fitted? Without one, angles are the commanded ones after the time a turn takes.
     pub encoder: bool,
-    /// Speed of the servo, for the time of a turn without encoder.
+    /// The servo.
+    pub servo: ServoParameters,
+    /// Highest speed of the shaft: what the servo turns at [`ServoParameters::full_us`].
     pub slew_radps: f32,
     /// The shaft is still when the encoder stays within this of the commanded angle.
     pub settle_tolerance_rad: f32,
@@ -100,6 +104,7 @@ impl Default for ShaftParameters {
     fn default() -> Self {
         Self {
             encoder: true,
+            servo: ServoParameters::default(),
             // 60 degrees in 0.2 s, a common digital servo under load.
             slew_radps: 5.0,
             // 1 degree: the backlash of a geared servo.
@@ -110,6 +115,37 @@ impl Default for ShaftParameters {
             turn_timeout_s: 1.0,
             // One late turn is friction, five are a jammed shaft.
             late_turns_to_fault: 5,
+        }
+    }
+}
+
+/// A servo for continuous rotation: the pulse's width commands a speed, without end.
+///
+/// A servo that holds an angle cannot turn without end, as a spiral of photos must; so the board closes the loop over the
+/// shaft's encoder itself.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ServoParameters {
+    /// Width of the pulse at which the shaft stands.
+    pub neutral_us: f32,
+    /// What is added to it for full speed; negative if the servo turns the other way round.
+    pub full_us: f32,
+    /// Highest acceleration asked for.
+    pub acceleration_radps2: f32,
+    /// Below this speed the servo does not move at all.
+    pub slowest_radps: f32,
+}
+
+impl Default for ServoParameters {
+    fn default() -> Self {
+        Self {
+            // The middle of every servo's range.
+            neutral_us: 1500.0,
+            // 1000 to 2000 microseconds is what every servo takes.
+            full_us: 500.0,
+            // Full speed in a tenth of a second: a light camera on a geared servo.
+            acceleration_radps2: 30.0,
+            // A fiftieth of full speed: the dead band around neutral.
+            slowest_radps: 0.1,
         }
     }
 }
@@ -205,6 +241,16 @@ pub enum RangeFamily {
     OneHub,
 }
 
+/// How the range sensors are wired.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RangeBus {
+    /// Each on I2C, at an address of its own.
+    I2c,
+    /// All on a `TeraRanger` Hub, which talks by UART.
+    Hub,
+}
+
 /// The range sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RangeParameters {
@@ -214,6 +260,12 @@ pub struct RangeParameters {
     pub fitted: Beams<bool>,
     /// Is a fifth fitted beside the camera?
     pub head_fitted: bool,
+    /// How they are wired.
+    pub bus: RangeBus,
+    /// Where each is found: its I2C address (7 bits), or its channel on the Hub (0 to 7).
+    pub port: Beams<u8>,
+    /// Where the fifth is found.
+    pub head_port: u8,
     /// Where each sits in the section, `[y, z]` in the body frame.
     pub lever_m: Beams<[f32; 2]>,
     /// Shortest range that is believed.
@@ -240,6 +292,10 @@ impl Default for RangeParameters {
             family: RangeFamily::Evo,
             fitted: Beams { up: true, right: true, down: true, left: true },
             head_fitted: false,
+            bus: RangeBus::I2c,
+            // An Evo leaves the factory at 0x31; four on one bus are re-addressed upwards from there.
+            port: Beams { up: 0x31, right: 0x32, down: 0x33, left: 0x34 },
+            head_port: 0x35,
             lever_m: Beams::default(),
             // Evo 15m: 0.5 m to 15 m (maker's header files).
             min_m: 0.5,
@@ -256,6 +312,26 @@ impl Default for RangeParameters {
             jump_m: 1.0,
             // As many good samples as it takes to rule out a flicker.
             good_run: 10,
+        }
+    }
+}
+
+/// The link to the autopilot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinkParameters {
+    /// Baud rate of TELEM1.
+    pub baud: u32,
+    /// Yaw of the tunnel's axis as the autopilot counts yaw; `None`: the vehicle's yaw when it is armed.
+    pub axis_yaw_rad: Option<f32>,
+}
+
+impl Default for LinkParameters {
+    fn default() -> Self {
+        Self {
+            // What both autopilots recommend for a companion computer.
+            baud: 921_600,
+            // A vehicle is armed where it will fly: nose down the tunnel.
+            axis_yaw_rad: None,
         }
     }
 }
@@ -298,6 +374,7 @@ impl Default for Parameters {
             shaft: ShaftParameters::default(),
             shutter: ShutterParameters::default(),
             ranges: RangeParameters::default(),
+            link: LinkParameters::default(),
             log: LogParameters::default(),
         }
     }

@@ -20,7 +20,7 @@ pub enum Mode {
     Ready,
     /// Taking photos, everything works.
     Scanning,
-    /// Taking photos without position, encoder or autopilot; where the position is unknown, the speed limit is that of the
+    /// Taking photos without position, encoder, autopilot or log; where the position is unknown, the speed limit is that of the
     /// worst place allowed.
     Degraded,
     /// Something needed has failed: no photos, speed limit zero.
@@ -66,6 +66,8 @@ pub enum Failure {
     Shaft,
     /// The camera stays busy or takes no photos.
     Camera,
+    /// The log cannot be written.
+    Log,
 }
 
 /// Something that happened.
@@ -126,12 +128,47 @@ pub enum EventKind {
     AutopilotLost,
     /// It is back.
     AutopilotRegained,
+    /// The log can no longer be written: the card is full, pulled or broken.
+    LogLost,
+    /// It can again.
+    LogRegained,
+    /// The board started, for this reason.
+    Started(StartCause),
     /// Log entries were dropped because too many came at once.
     EntriesDropped {
         /// How many.
         count: u32,
     },
 }
+
+/// Why the board started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StartCause {
+    /// Power was switched on.
+    PowerOn,
+    /// The supply had dropped too low.
+    BrownOut,
+    /// The reset pin, as a probe or a button pulls it.
+    Pin,
+    /// The program asked for it, after a panic or a command.
+    Software,
+    /// A task had not reported in time.
+    Watchdog,
+    /// None that is known.
+    Other,
+}
+
+/// Words for people, such as what the board said when it panicked.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Message {
+    /// Since the board's start.
+    pub time_us: u64,
+    /// The words.
+    pub text: heapless::String<MESSAGE_BYTES>,
+}
+
+/// The longest message.
+pub const MESSAGE_BYTES: usize = 160;
 
 /// An event and when it happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -220,6 +257,8 @@ pub enum Entry {
 pub enum Record {
     /// The first of a file.
     Header(Header),
+    /// Words for people.
+    Message(Message),
     /// All others.
     Entry(Entry),
 }

@@ -133,6 +133,7 @@ fn record(frame: &[u8], offset: usize) -> Result<Record, DecodeError> {
         Kind::TagUpdate => Record::Entry(Entry::TagUpdate(fields(payload).ok_or(unknown)?)),
         Kind::Event => Record::Entry(Entry::Event(fields(payload).ok_or(unknown)?)),
         Kind::Centring => Record::Entry(Entry::Centring(fields(payload).ok_or(unknown)?)),
+        Kind::Message => Record::Message(fields(payload).ok_or(unknown)?),
         Kind::Speed => Record::Entry(Entry::Speed(fields(payload).ok_or(unknown)?)),
     })
 }

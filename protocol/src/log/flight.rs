@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::{DecodeError, Decoder};
-use crate::record::{CentringSample, Entry, Event, Header, Record, SpeedSample};
+use crate::record::{CentringSample, Entry, Event, Header, Message, Record, SpeedSample};
 use crate::tag::{CaptureState, CaptureTag};
 
 /// Something about tags that should not be.
@@ -40,6 +40,8 @@ pub struct Session {
     pub centring: Vec<CentringSample>,
     /// In order of time.
     pub speed: Vec<SpeedSample>,
+    /// In order of time.
+    pub messages: Vec<Message>,
 }
 
 impl Session {
@@ -49,6 +51,7 @@ impl Session {
             && self.events.is_empty()
             && self.centring.is_empty()
             && self.speed.is_empty()
+            && self.messages.is_empty()
     }
 }
 
@@ -83,6 +86,7 @@ impl FlightLog {
                     place_of.clear();
                     session.header = Some(header);
                 }
+                Record::Message(message) => session.messages.push(message),
                 Record::Entry(entry) => {
                     if let Some(conflict) = session.take(entry, located.offset, &mut place_of) {
                         log.conflicts.push(conflict);

@@ -23,7 +23,7 @@ use crate::parameters::Parameters;
 use crate::record::{Entry, Header, Record};
 
 /// Version of the log's format.
-pub const FORMAT: u16 = 1;
+pub const FORMAT: u16 = 2;
 
 /// The longest frame, both zeros included. A header with a chain of 24 vertices needs about 700 bytes.
 pub const MAX_FRAME_BYTES: usize = 1024;
@@ -53,11 +53,13 @@ pub enum Kind {
     Centring = 4,
     /// [`crate::record::SpeedSample`].
     Speed = 5,
+    /// [`crate::record::Message`].
+    Message = 6,
 }
 
 impl Kind {
     fn from_byte(byte: u8) -> Option<Self> {
-        [Self::Header, Self::Tag, Self::TagUpdate, Self::Event, Self::Centring, Self::Speed]
+        [Self::Header, Self::Tag, Self::TagUpdate, Self::Event, Self::Centring, Self::Speed, Self::Message]
             .into_iter()
             .find(|kind| *kind as u8 == byte)
     }
@@ -131,6 +133,7 @@ pub fn encode_entry(entry: &Entry) -> Result<Frame, EncodeError> {
 pub fn encode(record: &Record) -> Result<Frame, EncodeError> {
     match record {
         Record::Header(header) => encode_header(header),
+        Record::Message(message) => frame(Kind::Message, message, false),
         Record::Entry(entry) => encode_entry(entry),
     }
 }

@@ -2,7 +2,9 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::beams::{Beam, Beams};
-use crate::record::{CentringSample, Event, EventKind, Failure, MissReason, Mode, RangeFault, SpeedSample, TagUpdate};
+use crate::record::{
+    CentringSample, Event, EventKind, Failure, Message, MissReason, Mode, RangeFault, SpeedSample, TagUpdate,
+};
 use crate::tag::{CaptureState, CaptureTag, Ranges, TagFlags};
 
 fn real() -> impl Strategy<Value = f32> {
@@ -171,7 +173,11 @@ proptest! {
         let read: Vec<Record> = Decoder::new(&bytes).filter_map(Result::ok).map(|located| located.record).collect();
         prop_assert!(read.len() + 2 > entries.len());
         for record in read {
-            let known = match &record { Record::Header(read) => *read == header(), Record::Entry(read) => entries.contains(read) };
+            let known = match &record {
+                Record::Header(read) => *read == header(),
+                Record::Entry(read) => entries.contains(read),
+                Record::Message(_) => false,
+            };
             prop_assert!(known, "a record that was never written: {record:?}");
         }
     }
@@ -278,4 +284,13 @@ fn a_restart_opens_a_second_session() {
     assert_eq!(log.sessions.iter().map(|session| session.tags.len()).collect::<Vec<_>>(), [0, 1]);
     assert_eq!(log.damage.len(), 1);
     assert!(log.conflicts.is_empty());
+}
+
+#[test]
+fn a_message_reads_back_the_same() {
+    let text = heapless::String::try_from("panicked at firmware/src/limit.rs:1").unwrap();
+    let message = Record::Message(Message { time_us: 7, text });
+    let bytes = encode(&message).unwrap();
+    assert_eq!(Decoder::new(&bytes).next().unwrap().unwrap().record, message);
+    assert_eq!(FlightLog::from_bytes(&bytes).sessions[0].messages.len(), 1);
 }

@@ -1,4 +1,4 @@
-//! The table `[board]` with `[board.shaft]`, `[board.shutter]`, `[board.ranges]` and `[board.log]`, all optional, and
+//! The table `[board]` with `[board.shaft]`, `[board.shutter]`, `[board.ranges]`, `[board.link]` and `[board.log]`, all optional, and
 //! the way from a survey's `f64` to the board's `f32`.
 
 use adit_geometry::camera::{Camera, Distortion};
@@ -10,7 +10,8 @@ use super::reader::Section;
 use super::{BoardPlan, SurveyConfig};
 use crate::beams::Beams;
 use crate::parameters::{
-    CaptureWiring, LogParameters, RangeFamily, RangeParameters, ShaftParameters, ShutterParameters,
+    CaptureWiring, LinkParameters, LogParameters, RangeBus, RangeFamily, RangeParameters, ServoParameters,
+    ShaftParameters, ShutterParameters,
 };
 
 const DURATION: Quantity = Quantity::new(Unit::Second, 0.0, 30.0);
@@ -24,6 +25,7 @@ pub(super) fn read(mut section: Section<'_>, survey: Option<&SurveyConfig>) -> B
         shaft: shaft(section.section_or_empty("shaft")),
         shutter: shutter(section.section_or_empty("shutter")),
         ranges: ranges(section.section_or_empty("ranges"), survey),
+        link: link(section.section_or_empty("link")),
         log: log(section.section_or_empty("log")),
     };
     section.finish();
@@ -36,6 +38,7 @@ fn shaft(mut section: Section<'_>) -> ShaftParameters {
     let tolerance = Quantity::new(Unit::Degree, 0.05, 45.0);
     let shaft = ShaftParameters {
         encoder: section.flag_or("encoder", default.encoder),
+        servo: servo(section.section_or_empty("servo")),
         slew_radps: section.maybe_number("slew_deg_per_s", slew).map_or(default.slew_radps, radians),
         settle_tolerance_rad: section
             .maybe_number("settle_tolerance_deg", tolerance)
@@ -46,6 +49,27 @@ fn shaft(mut section: Section<'_>) -> ShaftParameters {
     };
     section.finish();
     shaft
+}
+
+fn servo(mut section: Section<'_>) -> ServoParameters {
+    let default = ServoParameters::default();
+    let pulse = Quantity::new(Unit::Microsecond, 500.0, 2500.0);
+    let span = Quantity::new(Unit::Microsecond, -1000.0, 1000.0);
+    let acceleration = Quantity::new(Unit::DegreePerSecondSquared, 50.0, 100_000.0);
+    let slowest = Quantity::new(Unit::DegreePerSecond, 0.0, 90.0);
+    let servo = ServoParameters {
+        neutral_us: section.single_or("neutral_us", pulse, default.neutral_us),
+        full_us: section.single_or("full_us", span, default.full_us),
+        acceleration_radps2: section
+            .maybe_number("acceleration_deg_per_s2", acceleration)
+            .map_or(default.acceleration_radps2, radians),
+        slowest_radps: section.maybe_number("slowest_deg_per_s", slowest).map_or(default.slowest_radps, radians),
+    };
+    if servo.full_us == 0.0 {
+        section.complain("full_us", "0", "a pulse that turns the servo");
+    }
+    section.finish();
+    servo
 }
 
 fn shutter(mut section: Section<'_>) -> ShutterParameters {
@@ -97,12 +121,33 @@ fn ranges(mut section: Section<'_>, survey: Option<&SurveyConfig>) -> RangeParam
         down: section.flag_or("down", true),
         left: section.flag_or("left", true),
     };
+    let buses = [("i2c", RangeBus::I2c), ("hub", RangeBus::Hub)];
+    let bus = section.choice_or("bus", &buses, default.bus);
+    // Addresses below 8 and above 0x77 are reserved by the I2C specification; a Hub has eight channels.
+    let (least, most, ports) = match bus {
+        RangeBus::I2c => (0x08, 0x77, [default.port.up, default.port.right, default.port.down, default.port.left]),
+        RangeBus::Hub => (0, 7, [0, 1, 2, 3]),
+    };
+    let head = if bus == RangeBus::I2c { default.head_port } else { 4 };
+    let mut port =
+        |key, default| u8::try_from(section.integer_or(key, least, most, u32::from(default))).unwrap_or(default);
+    let [up, right, down, left] = ports;
+    let port_of = Beams {
+        up: port("port_up", up),
+        right: port("port_right", right),
+        down: port("port_down", down),
+        left: port("port_left", left),
+    };
+    let head_port = port("port_head", head);
     let sigma = survey.map_or(default.sigma_m, |survey| survey.sigma.range_m as f32);
     let count = |value: u32| u16::try_from(value).unwrap_or(u16::MAX);
     let ranges = RangeParameters {
         family: section.choice_or("family", &families, default.family),
         fitted,
         head_fitted: section.flag_or("head", default.head_fitted),
+        bus,
+        port: port_of,
+        head_port,
         lever_m,
         min_m: section.single_or("min_m", LENGTH, default.min_m),
         max_m: section.single_or("max_m", LENGTH, default.max_m),
@@ -118,6 +163,17 @@ fn ranges(mut section: Section<'_>, survey: Option<&SurveyConfig>) -> RangeParam
     }
     section.finish();
     ranges
+}
+
+fn link(mut section: Section<'_>) -> LinkParameters {
+    let default = LinkParameters::default();
+    let yaw = Quantity::new(Unit::Degree, -360.0, 360.0);
+    let link = LinkParameters {
+        baud: section.integer_or("baud", 9600, 3_000_000, default.baud),
+        axis_yaw_rad: section.maybe_number("axis_yaw_deg", yaw).map(radians),
+    };
+    section.finish();
+    link
 }
 
 fn log(mut section: Section<'_>) -> LogParameters {

@@ -21,7 +21,9 @@ use toml::de::DeTable;
 pub use flight::FlightPlan;
 pub use problem::{MissionError, Problem};
 
-use crate::parameters::{LogParameters, Parameters, RangeParameters, ShaftParameters, ShutterParameters};
+use crate::parameters::{
+    LinkParameters, LogParameters, Parameters, RangeParameters, ShaftParameters, ShutterParameters,
+};
 use reader::{Collector, Section};
 
 /// The version of the files that is understood.
@@ -84,11 +86,11 @@ impl Default for Sigma {
 }
 
 /// What the board holds beyond the survey and the flight plan: the tables `[board.shaft]`, `[board.shutter]`,
-/// `[board.ranges]` and `[board.log]`.
+/// `[board.ranges]`, `[board.link]` and `[board.log]`.
 ///
 /// Keys are the fields of the parameters; angles are in degrees (`slew_deg_per_s`, `settle_tolerance_deg`). In
 /// `[board.ranges]`, `up`, `right`, `down`, `left` and `head` say which sensors are fitted (default: the first four), and
-/// `lever_up_m = [y, z]` and its like say where; `sigma_m` is by default the survey's `range_m`.
+/// `lever_up_m = [y, z]` and its like say where, `bus` and `port_up` and its like how they are wired; `sigma_m` is by default the survey's `range_m`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BoardPlan {
     /// The shaft's servo and encoder.
@@ -97,6 +99,8 @@ pub struct BoardPlan {
     pub shutter: ShutterParameters,
     /// The range sensors.
     pub ranges: RangeParameters,
+    /// The link to the autopilot.
+    pub link: LinkParameters,
     /// What is logged besides tags and events.
     pub log: LogParameters,
 }
@@ -173,6 +177,7 @@ impl Mission {
             shaft: self.board.shaft,
             shutter: self.board.shutter,
             ranges: self.board.ranges,
+            link: self.board.link,
             log: self.board.log,
         }
     }

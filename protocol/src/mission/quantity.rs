@@ -7,6 +7,8 @@ pub(super) enum Unit {
     Second,
     Degree,
     DegreePerSecond,
+    DegreePerSecondSquared,
+    Microsecond,
     Pixel,
     MetrePerSecond,
     /// A share or a ratio.
@@ -22,6 +24,8 @@ impl Unit {
             Self::Second => " s",
             Self::Degree => " degrees",
             Self::DegreePerSecond => " degrees/s",
+            Self::DegreePerSecondSquared => " degrees/s^2",
+            Self::Microsecond => " microseconds",
             Self::Pixel => " px",
             Self::MetrePerSecond => " m/s",
             Self::Ratio | Self::Plain => "",
@@ -33,7 +37,10 @@ impl Unit {
         match self {
             Self::Metre => &[(1e-3, "millimetres"), (1e-2, "centimetres"), (1e3, "kilometres")],
             Self::Second => &[(1e-3, "milliseconds"), (1e-6, "microseconds"), (60.0, "minutes")],
-            Self::Degree | Self::DegreePerSecond => &[(180.0 / core::f64::consts::PI, "radians")],
+            Self::Degree | Self::DegreePerSecond | Self::DegreePerSecondSquared => {
+                &[(180.0 / core::f64::consts::PI, "radians")]
+            }
+            Self::Microsecond => &[(1e3, "milliseconds"), (1e6, "seconds")],
             Self::MetrePerSecond => &[(1.0 / 3.6, "km/h"), (1e-2, "cm/s"), (1e-3, "mm/s")],
             Self::Ratio => &[(1e-2, "per cent")],
             Self::Pixel | Self::Plain => &[],

@@ -1,0 +1,3 @@
+//! The rotator board's flash image.
+#![no_std]
+#![no_main]

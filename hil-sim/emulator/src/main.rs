@@ -1,0 +1,2 @@
+//! `adit-emulator`.
+fn main() {}
