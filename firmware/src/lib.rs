@@ -8,6 +8,8 @@
 
 mod capture;
 pub mod controller;
+pub mod health;
+pub mod hil;
 pub mod io;
 mod journal;
 mod limit;
