@@ -1,14 +1,15 @@
 //! An attitude of the board's own, from its inertial unit alone.
 //!
 //! Model: a complementary filter after Mahony, Hamel and Pflimlin (Nonlinear Complementary Filters on the Special
-//! Orthogonal Group, 2008). Rates less their bias are integrated; the accelerometer, which on average feels gravity alone,
-//! pulls roll and pitch towards its idea of up with a time constant of 5 s. The bias of the gyroscope is the mean rate
-//! while the vehicle rests.
+//! Orthogonal Group, 2008). Rates less their bias are integrated; the accelerometer, which on average feels gravity
+//! alone, pulls roll and pitch towards its idea of up with a time constant of 5 s. The bias of the gyroscope is the
+//! mean rate while the vehicle rests.
 //!
 //! Limits: roll and pitch are against the horizontal, not against a tunnel that slopes. Yaw is relative to where it was
-//! zeroed and nothing holds it: it drifts by what is left of the bias, 0.01 degrees per second and more as the chip warms
-//! up. A steady turn slower than half a degree per second looks like rest and becomes bias. The first attitude needs two
-//! seconds of rest, so after a restart in flight there is none.
+//! zeroed and nothing holds it: it drifts by what is left of the bias, 0.01 degrees per second and more as the chip
+//! warms up. A steady turn about the vertical slower than half a degree per second (before the first attitude: six)
+//! looks like rest and becomes bias. The first attitude needs two seconds of rest, so after a restart in flight there
+//! is none.
 
 use nalgebra::{ComplexField, RealField, UnitQuaternion, Vector3};
 
@@ -51,11 +52,11 @@ pub struct AttitudeFilter {
 }
 
 impl AttitudeFilter {
-    /// Takes the sample that came `dt_s` after the last one; returns roll, pitch and yaw in radians (aerospace order yaw,
-    /// pitch, roll), or `None` until the filter has settled.
+    /// Takes the sample that came `dt_s` after the last one; returns roll, pitch and yaw in radians (aerospace order
+    /// yaw, pitch, roll), or `None` until the filter has settled.
     ///
-    /// Samples that are not finite, or more than the chip can say, are passed over. After 0.2 s without a good one, or a `dt_s` that is no time, the filter
-    /// has to settle anew.
+    /// Samples that are not finite, or more than the chip can say, are passed over. After 0.2 s without a good one, or
+    /// a `dt_s` that is no time, the filter has to settle anew.
     pub fn update(&mut self, dt_s: f32, sample: &ImuSample) -> Option<[f32; 3]> {
         self.gap_s += dt_s;
         if !(dt_s >= 0.0 && self.gap_s <= GAP_MAX_S) {
@@ -118,8 +119,8 @@ impl AttitudeFilter {
         settled.then(|| UnitQuaternion::from_euler_angles(roll_rad, pitch_rad, 0.0))
     }
 
-    /// One step of the filter. `up` in the body frame as felt, crossed with `up` as believed, is the rotation (body frame,
-    /// small angles) that takes the belief to the feeling.
+    /// One step of the filter. `up` in the body frame as felt, crossed with `up` as believed, is the rotation (body
+    /// frame, small angles) that takes the belief to the feeling.
     fn integrate(
         &self,
         level_from_body: UnitQuaternion<f32>,

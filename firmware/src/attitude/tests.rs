@@ -47,8 +47,8 @@ impl Vehicle {
         (0..12).map(|_| uniform()).sum()
     }
 
-    /// Moves for `duration_s` with these body rates and this acceleration over the ground, level frame, both of the time
-    /// since the motion began. Returns the filter's last answer.
+    /// Moves for `duration_s` with these body rates and this acceleration over the ground, level frame, both of the
+    /// time since the motion began. Returns the filter's last answer.
     fn fly(
         &mut self,
         duration_s: f64,

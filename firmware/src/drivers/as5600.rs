@@ -1,8 +1,8 @@
 //! AS5600 magnetic encoder on I2C: the angle of the camera shaft.
 //!
-//! Status and angle are read in one transaction, so that they belong to the same instant. Without a magnet the chip still
-//! delivers an angle, made of noise; here that is an error. The angle grows clockwise, seen from the chip's top, with the
-//! DIR pin low; where the optical axis lies against the magnet is the caller's business.
+//! Status and angle are read in one transaction, so that they belong to the same instant. Without a magnet the chip
+//! still delivers an angle, made of noise; here that is an error. The angle grows clockwise, seen from the chip's top,
+//! with the DIR pin low; where the optical axis lies against the magnet is the caller's business.
 //!
 //! Source: ams AS5600 datasheet v1-06, figures 21 and 22 (registers, STATUS), p. 13 (address pointer).
 

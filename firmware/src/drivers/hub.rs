@@ -1,13 +1,13 @@
 //! `TeraRanger` Hub One and Hub Evo: up to eight sensors in one stream of bytes (UART or USB).
 //!
-//! A frame is `'T' 'H'`, eight distances in millimetres (big endian), on the Evo hub a mask, and the checksum of all that
-//! (maker's `teraranger_one.h`, `teraranger_evo.h`).
+//! A frame is `'T' 'H'`, eight distances in millimetres (big endian), on the Evo hub a mask, and the checksum of all
+//! that (maker's `teraranger_one.h`, `teraranger_evo.h`).
 //!
 //! The parser looks, after every byte, whether the last bytes are a whole frame with the right letters and the right
 //! checksum. So there is no state to lose: whatever stands around a frame, acknowledgements of commands among it, and
-//! wherever 'T' occurs in its data, an intact frame is found. Parsers that start over at each 'T' lose every frame with a
-//! distance of 84 mm modulo 256. The price is that bytes which only look like a frame pass with a chance of 1 in 256; in an
-//! undisturbed stream they look like one only where a range is 18.4 m or more ("TH" as a number is 21.576 m).
+//! wherever 'T' occurs in its data, an intact frame is found. Parsers that start over at each 'T' lose every frame with
+//! a distance of 84 mm modulo 256. The price is that bytes which only look like a frame pass with a chance of 1 in 256;
+//! in an undisturbed stream they look like one only where a range is 18.4 m or more ("TH" as a number is 21.576 m).
 
 use super::TERABEE_CRC;
 

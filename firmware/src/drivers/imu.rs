@@ -1,11 +1,11 @@
-//! The board's two inertial units, ICM-20608-G and MPU-9250, on SPI (mode 3, at most 1 MHz: the MPU-9250's limit for its
-//! configuration registers).
+//! The board's two inertial units, ICM-20608-G and MPU-9250, on SPI (mode 3, at most 1 MHz: the MPU-9250's limit for
+//! its configuration registers).
 //!
 //! Both share the registers used here. They are set to +-500 degrees per second and +-4 g behind filters of about 41 Hz
 //! and sample at 1 kHz; read them at 100 Hz or faster, whenever it suits: a reading is at most a millisecond old.
 //!
-//! A sample is in the body frame (x front, y right, z down). Its acceleration is the specific force, what an accelerometer
-//! feels: on a level vehicle at rest it is `[0, 0, -9.81]`, the floor pushing upwards.
+//! A sample is in the body frame (x front, y right, z down). Its acceleration is the specific force, what an
+//! accelerometer feels: on a level vehicle at rest it is `[0, 0, -9.81]`, the floor pushing upwards.
 //!
 //! Sources: ICM-20608-G register map RM-000030 rev 1.0 and datasheet DS-000081 rev 1.0; MPU-9250 register map
 //! RM-MPU-9250A-00 rev 1.4 and product specification PS-MPU-9250A-01 rev 1.1.
@@ -18,9 +18,9 @@ use nalgebra::{Matrix3, Vector3};
 
 /// How the Pixracer carries its inertial units.
 ///
-/// `ArduPilot` turns them by `ROTATION_ROLL_180_YAW_90` (`hwdef/Pixracer/hwdef.dat`), which swaps x with y and reverses z,
-/// after its Invensense driver has done the same to every sample (`AP_InertialSensor_Invensense.cpp`). The two cancel:
-/// the chips' own axes already are front, right and down.
+/// `ArduPilot` turns them by `ROTATION_ROLL_180_YAW_90` (`hwdef/Pixracer/hwdef.dat`), which swaps x with y and reverses
+/// z, after its Invensense driver has done the same to every sample (`AP_InertialSensor_Invensense.cpp`). The two
+/// cancel: the chips' own axes already are front, right and down.
 pub const PIXRACER_BODY_FROM_CHIP: Matrix3<f32> = Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
 
 /// Standard gravity (CGPM 1901).

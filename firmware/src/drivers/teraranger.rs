@@ -1,9 +1,9 @@
 //! `TeraRanger` One and Evo range sensors on I2C.
 //!
 //! A measurement is two transactions: [`TeraRanger::trigger`], and no sooner than [`MEASURING_US`] later
-//! [`TeraRanger::read_raw_mm`]. They are never joined by a repeated START, which these sensors do not stand. The answer has
-//! no header, so a dead bus that reads 00 00 00 passes the checksum as a distance of zero: whoever judges the readings over
-//! time has to suspect a run of zeros. An open bus reads FF FF FF and fails.
+//! [`TeraRanger::read_raw_mm`]. They are never joined by a repeated START, which these sensors do not stand. The answer
+//! has no header, so a dead bus that reads 00 00 00 passes the checksum as a distance of zero: whoever judges the
+//! readings over time has to suspect a run of zeros. An open bus reads FF FF FF and fails.
 //!
 //! What the raw value means depends on the family: [`RangeReading::from_raw`](crate::io::RangeReading::from_raw).
 //!
@@ -24,8 +24,8 @@ pub const EVO_ADDRESS: u8 = 0x31;
 pub const ADDRESSES: RangeInclusive<u8> = 0x02..=0x7F;
 /// Shortest time from the trigger to the reading, microseconds (Evo I2C manual p. 12).
 pub const MEASURING_US: u32 = 500;
-/// Time that an Evo needs to come back under a new address, milliseconds (Evo I2C manual p. 12). A One comes back only after
-/// its supply has been off and on again (One user manual).
+/// Time that an Evo needs to come back under a new address, milliseconds (Evo I2C manual p. 12). A One comes back only
+/// after its supply has been off and on again (One user manual).
 pub const EVO_READDRESSING_MS: u32 = 1000;
 
 /// Commands (Evo I2C manual p. 11).
@@ -125,8 +125,8 @@ impl TeraRanger {
 
     /// Gives the sensor another address, which it keeps without power; returns the sensor under the new one.
     ///
-    /// An Evo answers there after [`EVO_READDRESSING_MS`], a One after its supply has been off and on again. All sensors
-    /// that hear the old address take the new one: connect one at a time.
+    /// An Evo answers there after [`EVO_READDRESSING_MS`], a One after its supply has been off and on again. All
+    /// sensors that hear the old address take the new one: connect one at a time.
     ///
     /// # Errors
     /// [`TeraRangerError::AddressNotAllowed`], and nothing has been sent, or [`TeraRangerError::Bus`].
