@@ -57,11 +57,11 @@ impl RangeReading {
     pub fn to_raw(self, family: RangeFamily) -> u16 {
         match (family, self) {
             (_, Self::Measured(range_m)) => (range_m * 1000.0 + 0.5) as u16,
-            (RangeFamily::Evo, Self::TooClose | Self::Disconnected) => 0,
             (RangeFamily::Evo, Self::CannotMeasure) => 1,
             (RangeFamily::Evo, Self::TooFar) | (RangeFamily::OneHub, Self::Disconnected) => 0xFFFF,
-            (RangeFamily::One, _) | (RangeFamily::OneHub, Self::TooFar | Self::CannotMeasure) => 0,
             (RangeFamily::OneHub, Self::TooClose) => 200,
+            // Too close on an Evo, any error on a One, too far on a Hub.
+            _ => 0,
         }
     }
 }

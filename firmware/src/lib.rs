@@ -6,8 +6,10 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod attitude;
 mod capture;
 pub mod controller;
+pub mod drivers;
 pub mod health;
 pub mod hil;
 pub mod io;
