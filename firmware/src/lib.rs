@@ -9,13 +9,15 @@
 mod capture;
 pub mod controller;
 pub mod io;
-mod journal;
+pub mod journal;
 mod limit;
 mod modes;
 mod moment;
 mod position;
 mod ranges;
+pub mod recorder;
 mod self_test;
 mod shaft;
+pub mod store;
 pub mod table;
 mod time;
