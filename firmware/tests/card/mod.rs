@@ -35,8 +35,10 @@ pub(crate) struct Card {
     /// Every sector written, in order.
     pub(crate) journal: RefCell<Vec<(u32, [u8; SECTOR_BYTES])>>,
     pub(crate) reads: Cell<usize>,
-    /// Accesses until the card is pulled.
+    /// Accesses until the card fails.
     pub(crate) accesses_left: Cell<usize>,
+    /// How many accesses fail then.
+    pub(crate) failures: Cell<usize>,
     pub(crate) sectors: u32,
 }
 
@@ -63,6 +65,7 @@ impl Card {
             journal: RefCell::default(),
             reads: Cell::new(0),
             accesses_left: Cell::new(usize::MAX),
+            failures: Cell::new(usize::MAX),
             sectors,
         }
     }
@@ -106,10 +109,14 @@ impl Card {
         self.image.borrow_mut().insert(0, table);
     }
 
-    /// Is the card still there, and has it such a sector?
+    /// Does the card answer, and has it such a sector?
     fn access(&self, sector: u32) -> core::result::Result<(), Pulled> {
         self.accesses_left.set(self.accesses_left.get().saturating_sub(1));
-        if self.accesses_left.get() == 0 || sector >= self.sectors { Err(Pulled) } else { Ok(()) }
+        let fails = self.accesses_left.get() == 0 && self.failures.get() > 0;
+        if fails {
+            self.failures.set(self.failures.get() - 1);
+        }
+        if fails || sector >= self.sectors { Err(Pulled) } else { Ok(()) }
     }
 
     /// How many sectors were written since this was asked last.
@@ -156,10 +163,15 @@ pub(crate) fn fat_of(image: &Image) -> (u32, u32, usize) {
     (PARTITION_START + u16_at(boot, 14) as u32, sectors as u32, if small > 0 { 2 } else { 4 })
 }
 
+/// How many clusters the volume has.
+pub(crate) fn clusters_of(image: &mut Image) -> u32 {
+    FileSystem::new(Partition::of(image), FsOptions::new()).unwrap().stats().unwrap().total_clusters()
+}
+
 fn clear_tail_of_fat(image: &mut Image) {
     let (start, sectors, entry_bytes) = fat_of(image);
-    let clusters = FileSystem::new(Partition::of(image), FsOptions::new()).unwrap().stats().unwrap().total_clusters();
-    let end = (clusters as usize + 2) * entry_bytes;
+    let end = (clusters_of(image) as usize + 2) * entry_bytes;
+    assert!(!end.is_multiple_of(SECTOR_BYTES), "there is a tail");
     for copy in 0..2 {
         for offset in end..sectors as usize * SECTOR_BYTES {
             let sector = start + copy * sectors + (offset / SECTOR_BYTES) as u32;
