@@ -11,7 +11,7 @@ use adit_protocol::tag::TagFlags;
 
 use crate::capture::{Sequencer, Surroundings};
 use crate::io::{Display, Inputs, Outputs};
-use crate::journal::Journal;
+use crate::journal::StepJournal;
 use crate::limit::{Limit, SpeedLimiter};
 use crate::modes::{self, Circumstances, Test};
 use crate::moment::Moment;
@@ -42,7 +42,7 @@ pub struct Controller {
     sequencer: Sequencer,
     limiter: SpeedLimiter,
     self_test: SelfTest,
-    journal: Journal,
+    journal: StepJournal,
     watched: Watched,
     limit: Option<Limit>,
     sampled_us: Option<u64>,
@@ -88,7 +88,7 @@ impl Controller {
             sequencer: Sequencer::new(parameters.shutter, parameters.shaft.late_turns_to_fault, 0),
             limiter: SpeedLimiter::new(parameters.speed, images_per_turn),
             self_test: SelfTest::default(),
-            journal: Journal::default(),
+            journal: StepJournal::new(),
             watched: Watched::default(),
             limit: None,
             sampled_us: None,
