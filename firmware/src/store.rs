@@ -27,27 +27,11 @@ use serde::de::DeserializeOwned;
 
 pub use board::{FlightState, FlightStore, HashedParameters, ParameterStore};
 
+use crate::drivers::memory::Memory;
+
 const HEADER_BYTES: usize = 12;
 const CRC_BYTES: usize = 4;
 const COPY_CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
-
-/// A memory that keeps its bytes without power and takes any byte at any time.
-pub trait Memory {
-    /// How an access can fail.
-    type Error;
-
-    /// Reads the bytes from this address on.
-    ///
-    /// # Errors
-    /// If the memory does not answer or has no such address.
-    fn read(&mut self, address: u16, bytes: &mut [u8]) -> Result<(), Self::Error>;
-
-    /// Writes the bytes from this address on, in order.
-    ///
-    /// # Errors
-    /// If the memory does not answer or has no such address.
-    fn write(&mut self, address: u16, bytes: &[u8]) -> Result<(), Self::Error>;
-}
 
 /// Why a value could not be loaded or saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -12,7 +12,8 @@ use adit_protocol::log::parameters_hash;
 use adit_protocol::parameters::Parameters;
 use serde::{Deserialize, Serialize};
 
-use super::{Memory, Place, StoreError, Stored};
+use super::{Place, StoreError, Stored};
+use crate::drivers::memory::Memory;
 
 /// The longest parameters (a chain of 24 vertices) take about 650 bytes.
 const PARAMETERS: Place<Parameters, 1024> = Place { mark: *b"adPa", version: 1, address: 0, value: PhantomData };
