@@ -5,7 +5,7 @@
 //! | newest readings | sensors, imu, link, log | control | replaced |
 //! | newest outputs | control | link, supervisor | replaced |
 //! | log entries | control | log | [`LogQueue`]'s policy: tags win, drops are counted |
-//! | flight state | control | store | replaced: the newest capture number is what counts |
+//! | numbers to be kept | control, log | store | the newest is dropped; the next one is larger |
 //! | notices | anyone | link | the newest is dropped: the first trouble tells most |
 //!
 //! Every access is short and happens with interrupts off; nothing is computed there.
@@ -14,12 +14,11 @@ use core::cell::RefCell;
 
 use adit_firmware::health::CheckIns;
 use adit_firmware::io::{Command, Outputs, RangeSample};
-use adit_firmware::recorder::queue::LogQueue;
+use adit_firmware::journal::LogQueue;
 use adit_protocol::beams::Beams;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
-use embassy_sync::signal::Signal;
 
 /// A notice for the pilot.
 pub(crate) type Notice = heapless::String<50>;
@@ -53,8 +52,17 @@ pub(crate) struct Vehicle {
 static NEWEST: Mutex<CriticalSectionRawMutex, RefCell<Option<Newest>>> = Mutex::new(RefCell::new(None));
 static LOG: Mutex<CriticalSectionRawMutex, RefCell<LogQueue>> = Mutex::new(RefCell::new(LogQueue::new()));
 
-/// The last capture's number, to be kept over a loss of power.
-pub(crate) static LAST_CAPTURE: Signal<CriticalSectionRawMutex, u32> = Signal::new();
+/// A number to be kept over a loss of power.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Counted {
+    /// The last capture's.
+    Capture(u32),
+    /// The last log file's.
+    LogFile(u32),
+}
+
+/// Numbers to be kept.
+pub(crate) static COUNTED: Channel<CriticalSectionRawMutex, Counted, 4> = Channel::new();
 /// What the pilot shall read.
 pub(crate) static NOTICES: Channel<CriticalSectionRawMutex, Notice, 4> = Channel::new();
 /// Who has reported when.

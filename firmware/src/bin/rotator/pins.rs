@@ -224,6 +224,7 @@ impl Board {
 fn spi_config(clock: Hertz) -> spi::Config {
     let mut config = spi::Config::default();
     config.frequency = clock;
+    config.mode = spi::MODE_3;
     config
 }
 

@@ -7,7 +7,7 @@ use embassy_stm32::timer::simple_pwm::SimplePwm;
 use embassy_stm32::timer::GeneralInstance4Channel;
 use embassy_time::{Duration, Instant, Timer};
 
-use crate::blackboard::{CHECK_INS, LAST_CAPTURE, log, newest};
+use crate::blackboard::{CHECK_INS, COUNTED, Counted, log, newest};
 use crate::pins::{Rig, SERVO_HZ};
 use crate::statistics::STEP;
 
@@ -47,7 +47,8 @@ pub(crate) async fn control(controller: &'static mut Controller, mut rig: Rig) -
         STEP.note(outputs.mode, began.elapsed());
         apply(&mut rig, &outputs);
         if last_capture.replace(outputs.display.captures) != Some(outputs.display.captures) {
-            LAST_CAPTURE.signal(outputs.display.captures);
+            // A full channel: the next capture brings the next number.
+            let _ = COUNTED.try_send(Counted::Capture(outputs.display.captures));
         }
         publish(outputs);
         CHECK_INS.report(Task::Control, began.as_micros());
@@ -107,11 +108,6 @@ fn set_duty<T: GeneralInstance4Channel>(timer: &mut SimplePwm<'static, T>, wire:
 
 /// Hands the outputs on.
 fn publish(outputs: Outputs) {
-    let now_us = crate::blackboard::now_us();
-    log(|queue| {
-        for entry in &outputs.entries {
-            queue.push(now_us, *entry);
-        }
-    });
+    log(|queue| outputs.entries.iter().for_each(|entry| queue.entry(*entry)));
     newest(|newest| newest.outputs = outputs);
 }

@@ -1,7 +1,7 @@
 //! The board's own attitude, for tags when the autopilot's is missing.
 
 use adit_firmware::attitude::AttitudeFilter;
-use adit_firmware::drivers::imu::{Imu, ImuKind};
+use adit_firmware::drivers::imu::{Imu, ImuModel, PIXRACER_BODY_FROM_CHIP};
 use adit_firmware::health::Task;
 use embassy_time::{Delay, Duration, Instant, Ticker, Timer};
 
@@ -18,10 +18,10 @@ const FAILURES_TO_RESET: u8 = 10;
 /// Watches the unit for ever.
 #[embassy_executor::task]
 pub(crate) async fn watch(spi: ImuSpi) -> ! {
-    let mut imu = Imu::new(spi, ImuKind::Icm20608);
+    let mut imu = Imu::new(spi, ImuModel::Icm20608, PIXRACER_BODY_FROM_CHIP);
     loop {
         CHECK_INS.report(Task::Imu, now_us());
-        if imu.init(&mut Delay).await.is_ok() {
+        if imu.start(&mut Delay).await.is_ok() {
             follow(&mut imu).await;
         }
         newest(|newest| newest.attitude_rad = None);

@@ -7,13 +7,13 @@
 //! A device that does not answer is left out of the round and its readings grow old; the controller judges that. A bus on
 //! which an exchange does not end is sick: it is freed by clocking it by hand (NXP UM10204 rev 7, 3.1.16) and made anew.
 
-use adit_firmware::drivers::as5600;
-use adit_firmware::drivers::hub::{self, HubParser};
+use adit_firmware::drivers::as5600::As5600;
+use adit_firmware::drivers::hub::{HubKind, HubParser};
 use adit_firmware::drivers::teraranger::TeraRanger;
 use adit_firmware::health::Task;
 use adit_firmware::io::{RangeReading, RangeSample};
 use adit_protocol::beams::{Beam, Beams};
-use adit_protocol::parameters::{RangeBus, RangeParameters};
+use adit_protocol::parameters::{RangeBus, RangeFamily, RangeParameters};
 use embassy_futures::join::join;
 use embassy_stm32::gpio::{Level, OutputOpenDrain, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
@@ -22,7 +22,6 @@ use embassy_stm32::pac;
 use embassy_stm32::time::khz;
 use embassy_stm32::usart::{self, Uart};
 use embassy_time::{Duration, Ticker, Timer, with_timeout};
-use embedded_hal_async::i2c::I2c as _;
 use static_cell::ConstStaticCell;
 
 use crate::blackboard::{CHECK_INS, newest, now_us};
@@ -67,7 +66,7 @@ pub(crate) async fn measure(mut parts: RangeBusParts, hub: HubParts, parameters:
 
 impl Rangers {
     fn new(parameters: &RangeParameters, on_i2c: bool) -> Self {
-        let sensor = |fitted: bool, port: u8| (on_i2c && fitted).then(|| TeraRanger::new(port));
+        let sensor = |fitted: bool, port: u8| (on_i2c && fitted).then_some(TeraRanger { address: port });
         Self {
             body: Beams::from_fn(|beam| sensor(*parameters.fitted.get(beam), *parameters.port.get(beam))),
             head: sensor(parameters.head_fitted, parameters.head_port),
@@ -145,32 +144,27 @@ impl<'d> Exchanges<'_, 'd> {
     async fn within<T, E>(
         &mut self,
         exchange: impl AsyncFnOnce(&mut Bus<'d>) -> Result<T, E>,
-        is_stuck: impl FnOnce(&E) -> bool,
     ) -> Option<T> {
         drain();
-        let (result, ended) = match with_timeout(EXCHANGE, exchange(self.bus)).await {
-            Ok(Ok(value)) => (Some(value), true),
-            Ok(Err(error)) => (None, !is_stuck(&error)),
-            Err(_) => (None, false),
-        };
-        *self.unended = if ended { 0 } else { self.unended.saturating_add(1) };
-        result
+        let ended = with_timeout(EXCHANGE, exchange(self.bus)).await;
+        *self.unended = if ended.is_ok() { 0 } else { self.unended.saturating_add(1) };
+        ended.ok()?.ok()
     }
 
     async fn read_encoder(&mut self) {
-        let angle_rad = self.within(async |bus| as5600::read(bus).await, |_| false).await;
-        newest(|newest| newest.encoder_rad = angle_rad.map(|angle| angle.angle_rad));
+        let angle = self.within(async |bus| As5600.read(bus).await).await;
+        newest(|newest| newest.encoder_rad = angle.map(|angle| angle.angle_rad));
     }
 
     async fn trigger(&mut self, rangers: &Rangers) {
         for (_, sensor) in rangers.all() {
-            self.within(async |bus| sensor.trigger(bus).await, |_| false).await;
+            self.within(async |bus| sensor.trigger(bus).await).await;
         }
     }
 
     async fn read(&mut self, rangers: &Rangers) {
         for (beam, sensor) in rangers.all() {
-            if let Some(raw_mm) = self.within(async |bus| sensor.read_raw_mm(bus).await, |_| false).await {
+            if let Some(raw_mm) = self.within(async |bus| sensor.read_raw_mm(bus).await).await {
                 note(beam, RangeReading::from_raw(rangers.parameters.family, raw_mm));
             }
         }
@@ -195,25 +189,31 @@ fn note(beam: Option<Beam>, reading: RangeReading) {
     });
 }
 
+/// A Hub of One sensors (maker's driver `teraranger_one`), and a Hub of Evo sensors through its UART board.
+const HUB_ONE_BAUD: u32 = 115_200;
+const HUB_EVO_BAUD: u32 = 921_600;
 /// Room for what a Hub says in 10 ms at 921,600 baud.
 static HUB_RING: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
 
 /// Takes the frames of a Hub for ever.
 async fn listen(parts: HubParts, parameters: RangeParameters) -> ! {
     let mut config = usart::Config::default();
-    config.baudrate = if parameters.family == RangeFamily::OneHub { hub::ONE_BAUD } else { hub::EVO_BAUD };
+    let (kind, baud) = match parameters.family {
+        RangeFamily::OneHub | RangeFamily::One => (HubKind::One, HUB_ONE_BAUD),
+        RangeFamily::Evo => (HubKind::Evo, HUB_EVO_BAUD),
+    };
+    config.baudrate = baud;
     let Ok(uart) = Uart::new(parts.uart, parts.rx, parts.tx, parts.tx_dma, parts.rx_dma, Irqs, config) else {
         // Both rates are possible with these clocks; without the line the sensors are silent, which the controller says.
-        core::future::pending::<()>().await;
-        unreachable!()
+        return core::future::pending().await;
     };
     let (mut tx, rx) = uart.split();
     let mut rx = rx.into_ring_buffered(HUB_RING.take());
-    for command in hub::start_up(parameters.family) {
+    for command in kind.start_up() {
         let _ = tx.write(command).await;
         Timer::after(Duration::from_millis(100)).await;
     }
-    let mut parser = HubParser::new();
+    let mut parser = HubParser::new(kind);
     let mut bytes = [0; 64];
     loop {
         // An overrun loses bytes; the parser finds the next frame by itself.

@@ -2,11 +2,11 @@
 
 use adit_firmware::drivers::fram::Fram;
 use adit_firmware::health::Task;
-use adit_firmware::store::{FlightState, FlightStore, Loaded, ParameterStore};
+use adit_firmware::store::{FlightState, FlightStore, ParameterStore, Stored};
 use adit_protocol::parameters::Parameters;
 use embassy_time::{Duration, with_timeout};
 
-use crate::blackboard::{CHECK_INS, LAST_CAPTURE, notify, now_us};
+use crate::blackboard::{CHECK_INS, COUNTED, Counted, notify, now_us};
 use crate::pins::FramSpi;
 
 /// It reports at least this often.
@@ -25,28 +25,23 @@ impl Store {
 
     /// Reads both at the start, counts the start, and says what is amiss.
     pub(crate) fn load(&mut self) -> (Parameters, FlightState) {
-        let parameters = match ParameterStore::load(&mut self.fram) {
-            Loaded::Stored(parameters) => parameters,
-            Loaded::Empty => {
-                notify(format_args!("no parameters stored: defaults in use"));
-                Parameters::default()
-            }
-            Loaded::Corrupt | Loaded::Newer { .. } => {
-                notify(format_args!("parameters unreadable: defaults in use"));
-                Parameters::default()
-            }
-            Loaded::Unreachable => {
-                notify(format_args!("FRAM silent: default parameters in use"));
-                Parameters::default()
-            }
+        let trouble = match ParameterStore::load(&mut self.fram) {
+            Ok(Stored::Loaded { value, .. }) => return (value.parameters, self.load_flight()),
+            Ok(Stored::Empty) => "none stored",
+            Ok(Stored::Corrupt) => "both copies damaged",
+            Ok(Stored::OtherVersion { .. }) => "of another version",
+            Err(_) => "FRAM silent",
         };
-        if let Loaded::Stored(flight) = FlightStore::load(&mut self.fram) {
-            self.flight = flight;
-        }
+        notify(format_args!("default parameters: {trouble}"));
+        (Parameters::default(), self.load_flight())
+    }
+
+    fn load_flight(&mut self) -> FlightState {
+        let stored = FlightStore::load(&mut self.fram).ok().and_then(Stored::value);
+        self.flight = stored.unwrap_or_default();
         self.flight.starts = self.flight.starts.wrapping_add(1);
-        self.flight.log_number = self.flight.log_number % 9999 + 1;
         self.save();
-        (parameters, self.flight)
+        self.flight
     }
 
     fn save(&mut self) {
@@ -56,15 +51,18 @@ impl Store {
     }
 }
 
-/// Keeps the number of the last capture.
+/// Keeps the numbers of the last capture and of the log file.
 #[embassy_executor::task]
 pub(crate) async fn keep(mut store: Store) -> ! {
     loop {
         CHECK_INS.report(Task::Store, now_us());
-        if let Ok(last_capture) = with_timeout(PERIOD, LAST_CAPTURE.wait()).await
-            && last_capture != store.flight.last_capture
-        {
-            store.flight.last_capture = last_capture;
+        let Ok(counted) = with_timeout(PERIOD, COUNTED.receive()).await else { continue };
+        let number = match counted {
+            Counted::Capture(_) => &mut store.flight.last_capture,
+            Counted::LogFile(_) => &mut store.flight.log_number,
+        };
+        let (Counted::Capture(new) | Counted::LogFile(new)) = counted;
+        if core::mem::replace(number, new) != new {
             store.save();
         }
     }
