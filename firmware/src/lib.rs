@@ -16,6 +16,7 @@ mod moment;
 mod position;
 mod ranges;
 mod self_test;
+mod servo;
 mod shaft;
 pub mod table;
 mod time;

@@ -1,0 +1,380 @@
+//! The loop that turns the camera shaft: a servo that takes a speed, closed over the shaft's angle.
+//!
+//! One step: how far is it to the setpoint; how fast may the shaft be there and still stop (`v = sqrt(2 a e)`, and no faster
+//! than [`APPROACH_PER_S`] times the way, for the servo hears of a new speed only at its next pulse); no harder than the
+//! acceleration allows; as a pulse. At the setpoint the shaft rests until it has left a dead band, for a loop that chased the
+//! encoder's noise would never let the camera be still.
+//!
+//! Two things no drawing tells are watched by comparing what was asked for with what the encoder saw. At low speed the
+//! difference is the servo's neutral, which is off by some microseconds and wanders with its temperature, or friction:
+//! both are trimmed away. At high speed it is a jammed shaft: the loop then asks for nothing until the next turn, which
+//! saves servo and gears. Without encoder nothing is watched; the angle is what was asked for.
+
+use adit_protocol::parameters::{ServoParameters, ShaftParameters};
+use nalgebra::ComplexField;
+
+use crate::time::{has_passed, seconds};
+
+/// Share of the acceleration that braking counts on: the rest makes good for delays.
+const BRAKING_SHARE: f32 = 0.7;
+/// Speed per way left. With pulses 20 ms apart, plus as much for the servo, loop gain times delay is 0.8 at the worst: no swinging.
+const APPROACH_PER_S: f32 = 20.0;
+/// The shaft rests once it is within this share of the way at which it leaves its rest again.
+const ARRIVAL_SHARE: f32 = 0.25;
+/// How fast the trim follows the difference of asked and seen way.
+const TRIM_PER_S: f32 = 5.0;
+/// Slow for this long, the servo follows what it is asked for.
+const SLOW_S: f32 = 0.1;
+/// The trim may be so many times the slowest speed: three dead bands, beyond which the neutral is set wrongly.
+const TRIM_REACH: f32 = 3.0;
+/// Asked for high speed this long, a shaft must have moved.
+const STALL_S: f32 = 0.3;
+/// By less than this share of the way asked for: a stall.
+const STALL_SHARE: f32 = 0.25;
+/// High speed is at least this many times the slowest, and this share of the highest.
+const FAST: (f32, f32) = (2.0, 0.05);
+/// Longest step that is believed, so that no jump of the clock becomes many turns.
+const LONGEST_STEP_S: f32 = 1.0;
+/// Bounds the numbers in use, far beyond any servo.
+const MOST: f32 = 1e4;
+
+/// What the shaft shall do, and where it is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Aim {
+    pub(crate) setpoint_rad: f32,
+    pub(crate) angle_rad: f32,
+    /// Does the angle come from the encoder?
+    pub(crate) is_measured: bool,
+    /// Never faster than this share of full speed.
+    pub(crate) speed_share: f32,
+}
+
+/// Way asked for and way seen since a moment.
+#[derive(Clone, Copy, Debug)]
+struct Watch {
+    since_us: u64,
+    asked_rad: f32,
+    seen_rad: f32,
+}
+
+/// The loop.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ServoLoop {
+    servo: ServoParameters,
+    slew_radps: f32,
+    acceleration_radps2: f32,
+    slowest_radps: f32,
+    /// The shaft leaves its rest beyond this.
+    leave_rad: f32,
+    /// The speed asked for.
+    speed_radps: f32,
+    /// Added to it, so that the servo turns at it.
+    trim_radps: f32,
+    is_resting: bool,
+    is_stalled: bool,
+    advanced_us: u64,
+    /// The last interval, and the way asked for in it.
+    elapsed_s: f32,
+    way_rad: f32,
+    /// The last measured angle.
+    seen_rad: Option<f32>,
+    /// Since when the speed has been high.
+    fast: Option<Watch>,
+    /// Since when it has been low.
+    slow_since_us: Option<u64>,
+}
+
+impl ServoLoop {
+    /// A loop for a shaft that turns in steps of `step_rad`. Numbers that make no sense count as zero.
+    pub(crate) fn new(shaft: &ShaftParameters, step_rad: f32) -> Self {
+        let sane = |value: f32| if value > 0.0 { value.min(MOST) } else { 0.0 };
+        let slew_radps = sane(shaft.slew_radps);
+        Self {
+            servo: shaft.servo,
+            slew_radps,
+            acceleration_radps2: sane(shaft.servo.acceleration_radps2),
+            slowest_radps: sane(shaft.servo.slowest_radps).min(slew_radps),
+            leave_rad: sane(shaft.settle_tolerance_rad * 0.5).min(step_rad * 0.125),
+            speed_radps: 0.0,
+            trim_radps: 0.0,
+            is_resting: false,
+            is_stalled: false,
+            advanced_us: 0,
+            elapsed_s: 0.0,
+            way_rad: 0.0,
+            seen_rad: None,
+            fast: None,
+            slow_since_us: None,
+        }
+    }
+
+    /// Whether the shaft did not follow; holds until the next turn begins.
+    pub(crate) fn is_stalled(&self) -> bool {
+        self.is_stalled
+    }
+
+    /// How long a turn over `way_rad` takes at most, coming to rest aside.
+    pub(crate) fn turn_time_s(&self, way_rad: f32, speed_share: f32) -> f32 {
+        let most_radps = self.slew_radps * speed_share;
+        way_rad / most_radps + most_radps / (self.acceleration_radps2 * BRAKING_SHARE)
+    }
+
+    /// Begins a turn, after a stall too.
+    pub(crate) fn begin_turn(&mut self) {
+        self.is_stalled = false;
+        self.fast = None;
+    }
+
+    /// Lets go of the shaft.
+    pub(crate) fn release(&mut self) {
+        self.begin_turn();
+        self.speed_radps = 0.0;
+        self.is_resting = false;
+        self.slow_since_us = None;
+    }
+
+    /// The way asked for since the last call.
+    pub(crate) fn advance(&mut self, now_us: u64) -> f32 {
+        self.elapsed_s = seconds(self.advanced_us, now_us).min(LONGEST_STEP_S);
+        self.advanced_us = now_us;
+        self.way_rad = self.speed_radps * self.elapsed_s;
+        self.way_rad
+    }
+
+    /// One step, after [`Self::advance`]; returns the pulse's width in microseconds.
+    ///
+    /// It lies between neutral and full either way; `None` where the parameters give no number.
+    pub(crate) fn step(&mut self, now_us: u64, aim: Aim) -> Option<f32> {
+        self.watch(now_us, aim);
+        let wanted_radps = self.wanted_radps(aim);
+        let most_radps = self.acceleration_radps2 * self.elapsed_s;
+        let change_radps = wanted_radps - self.speed_radps;
+        self.speed_radps =
+            if self.is_stalled { 0.0 } else { self.speed_radps + change_radps.max(-most_radps).min(most_radps) };
+        self.pulse_us()
+    }
+
+    /// The speed to have at this place.
+    fn wanted_radps(&mut self, aim: Aim) -> f32 {
+        let error_rad = aim.setpoint_rad - aim.angle_rad;
+        let away_rad = error_rad.abs();
+        let rest_rad = if self.is_resting { self.leave_rad } else { self.leave_rad * ARRIVAL_SHARE };
+        self.is_resting = away_rad <= rest_rad;
+        if self.is_resting || self.is_stalled || !away_rad.is_finite() {
+            return 0.0;
+        }
+        let braking_radps = ComplexField::sqrt(2.0 * BRAKING_SHARE * self.acceleration_radps2 * away_rad);
+        let most_radps = self.slew_radps * aim.speed_share;
+        let speed_radps = braking_radps.min(APPROACH_PER_S * away_rad).max(self.slowest_radps).min(most_radps);
+        speed_radps.copysign(error_rad)
+    }
+
+    fn pulse_us(&self) -> Option<f32> {
+        let asked_radps = self.speed_radps + self.trim_radps;
+        let share = if self.slew_radps > 0.0 { (asked_radps / self.slew_radps).max(-1.0).min(1.0) } else { 0.0 };
+        let pulse_us = self.servo.neutral_us + self.servo.full_us * share;
+        pulse_us.is_finite().then_some(pulse_us)
+    }
+
+    /// Compares the way asked for with the way that the encoder saw.
+    fn watch(&mut self, now_us: u64, aim: Aim) {
+        let before_rad = core::mem::replace(&mut self.seen_rad, aim.is_measured.then_some(aim.angle_rad));
+        let Some(before_rad) = before_rad.filter(|_| aim.is_measured) else {
+            (self.fast, self.slow_since_us) = (None, None);
+            return;
+        };
+        let seen_rad = aim.angle_rad - before_rad;
+        let (times, share) = FAST;
+        if self.speed_radps.abs() > (self.slowest_radps * times).max(self.slew_radps * share) {
+            self.slow_since_us = None;
+            self.watch_stall(now_us, seen_rad);
+        } else {
+            self.fast = None;
+            let since_us = *self.slow_since_us.get_or_insert(now_us);
+            if has_passed(since_us, now_us, SLOW_S) {
+                self.trim(seen_rad);
+            }
+        }
+    }
+
+    fn watch_stall(&mut self, now_us: u64, seen_rad: f32) {
+        let turned = self.fast.is_some_and(|watch| watch.asked_rad * self.speed_radps < 0.0);
+        let fresh = Watch { since_us: now_us, asked_rad: 0.0, seen_rad: 0.0 };
+        let mut watch = if turned { fresh } else { self.fast.unwrap_or(fresh) };
+        watch.asked_rad += self.way_rad;
+        watch.seen_rad += seen_rad;
+        self.fast = Some(watch);
+        if !has_passed(watch.since_us, now_us, STALL_S) {
+            return;
+        }
+        let followed_rad = watch.seen_rad * watch.asked_rad.signum();
+        if followed_rad < STALL_SHARE * watch.asked_rad.abs() {
+            // What friction taught is no neutral.
+            (self.is_stalled, self.trim_radps) = (true, 0.0);
+        }
+        self.fast = None;
+    }
+
+    fn trim(&mut self, seen_rad: f32) {
+        let reach_radps = TRIM_REACH * self.slowest_radps;
+        let trim_radps = self.trim_radps + TRIM_PER_S * (self.way_rad - seen_rad);
+        self.trim_radps = trim_radps.max(-reach_radps).min(reach_radps);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+
+    const TICK_US: u64 = 5_000;
+    const TICK_S: f32 = 0.005;
+    const STEP_RAD: f32 = TAU / 10.0;
+
+    /// A servo with its gears and an encoder on the shaft.
+    #[derive(Clone, Copy, Debug, Default)]
+    struct Plant {
+        gain_error: f32,
+        neutral_error_us: f32,
+        dead_band_us: f32,
+        backlash_rad: f32,
+        noise_rad: f32,
+        is_jammed: bool,
+        motor_rad: f32,
+        motor_radps: f32,
+        shaft_rad: f32,
+        pulse_us: f32,
+        ticks: u32,
+        dice: u64,
+    }
+
+    impl Plant {
+        /// One tick: pulses come every 20 ms, and the motor needs time to get up to speed.
+        fn turn(&mut self, pulse_us: Option<f32>) {
+            if self.ticks.is_multiple_of(4) {
+                self.pulse_us = pulse_us.expect("a pulse");
+            }
+            self.ticks += 1;
+            let over_us = self.pulse_us - 1500.0 - self.neutral_error_us;
+            let heard_us = if over_us.abs() <= self.dead_band_us { 0.0 } else { over_us };
+            let wanted_radps = heard_us / 500.0 * 5.0 * (1.0 + self.gain_error);
+            self.motor_radps += (wanted_radps - self.motor_radps).clamp(-40.0 * TICK_S, 40.0 * TICK_S);
+            if !self.is_jammed {
+                self.motor_rad += self.motor_radps * TICK_S;
+            }
+            let play_rad = 0.5 * self.backlash_rad;
+            self.shaft_rad = self.shaft_rad.clamp(self.motor_rad - play_rad, self.motor_rad + play_rad);
+        }
+
+        /// The encoder's reading: the sum of twelve throws is nearly normal.
+        fn read_rad(&mut self) -> f32 {
+            let mut sum = -6.0;
+            for _ in 0..12 {
+                self.dice = self.dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                sum += (self.dice >> 40) as f32 / (1_u64 << 24) as f32;
+            }
+            let step_rad = TAU / 4096.0;
+            ((self.shaft_rad + sum * self.noise_rad) / step_rad).round() * step_rad
+        }
+    }
+
+    /// Loop and plant, running.
+    struct Bench {
+        servo: ServoLoop,
+        plant: Plant,
+        now_us: u64,
+        estimate_rad: f32,
+        has_encoder: bool,
+    }
+
+    impl Bench {
+        fn new(plant: Plant) -> Self {
+            let servo = ServoLoop::new(&ShaftParameters::default(), STEP_RAD);
+            Self { servo, plant, now_us: 0, estimate_rad: 0.0, has_encoder: true }
+        }
+
+        fn tick(&mut self, setpoint_rad: f32) -> f32 {
+            self.now_us += TICK_US;
+            self.estimate_rad += self.servo.advance(self.now_us);
+            if self.has_encoder {
+                self.estimate_rad = self.plant.read_rad();
+            }
+            let aim = Aim {
+                setpoint_rad,
+                angle_rad: self.estimate_rad,
+                is_measured: self.has_encoder,
+                speed_share: 1.0,
+            };
+            let pulse_us = self.servo.step(self.now_us, aim);
+            self.plant.turn(pulse_us);
+            pulse_us.expect("a pulse")
+        }
+    }
+
+    /// What a turn was like.
+    #[derive(Clone, Copy, Debug, Default)]
+    struct Arrival {
+        /// Until the shaft was within the tolerance for good.
+        settled_s: f32,
+        error_rad: f32,
+        /// Changes of the direction asked for after that.
+        reversals: u32,
+        /// How far the shaft wandered after half a second.
+        wandered_rad: f32,
+    }
+
+    /// Turns by one step and watches for 1.5 s.
+    fn turned(bench: &mut Bench, setpoint_rad: f32) -> Arrival {
+        bench.servo.begin_turn();
+        let tolerance_rad = ShaftParameters::default().settle_tolerance_rad;
+        let mut arrival = Arrival::default();
+        let (mut direction, mut low_rad, mut high_rad) = (0.0, f32::MAX, f32::MIN);
+        for tick in 1..=300_u16 {
+            let time_s = f32::from(tick) * TICK_S;
+            bench.tick(setpoint_rad);
+            arrival.error_rad = bench.plant.shaft_rad - setpoint_rad;
+            if arrival.error_rad.abs() > tolerance_rad {
+                (arrival.settled_s, arrival.reversals, direction) = (time_s, 0, 0.0);
+            }
+            let speed_radps = bench.servo.speed_radps;
+            if speed_radps != 0.0 {
+                arrival.reversals += u32::from(speed_radps * direction < 0.0);
+                direction = speed_radps;
+            }
+            if time_s > 0.5 {
+                low_rad = low_rad.min(bench.plant.shaft_rad);
+                high_rad = high_rad.max(bench.plant.shaft_rad);
+            }
+        }
+        arrival.wandered_rad = high_rad - low_rad;
+        arrival
+    }
+
+    #[test]
+    fn a_servo_that_differs_from_its_parameters_still_settles_without_hunting() {
+        let mut table = std::string::String::from("gain % neutral us | settled ms error deg reversals wandered deg\n");
+        for gain_error in [-0.1, 0.0, 0.1] {
+            for neutral_error_us in [-8.0, 0.0, 8.0] {
+                for dead_band_us in [0.0, 4.0, 10.0] {
+                    let plant = Plant {
+                        gain_error,
+                        neutral_error_us,
+                        dead_band_us,
+                        backlash_rad: 0.5_f32.to_radians(),
+                        noise_rad: 0.05_f32.to_radians(),
+                        dice: 1,
+                        ..Plant::default()
+                    };
+                    let mut bench = Bench::new(plant);
+                    let arrivals: std::vec::Vec<Arrival> =
+                        (1_u8..=20).map(|image| turned(&mut bench, f32::from(image) * STEP_RAD)).collect();
+                    for (i, a) in arrivals.iter().enumerate() {
+                        table += &std::format!("{:6.0} {:6.0} {:4.0} {i:3} | {:8.0} {:8.2} {:5} {:8.2} trim {:.3}\n", gain_error * 100.0, neutral_error_us, dead_band_us, a.settled_s * 1000.0, a.error_rad.to_degrees(), a.reversals, a.wandered_rad.to_degrees(), bench.servo.trim_radps);
+                    }
+                }
+            }
+        }
+        std::println!("{table}");
+    }
+}
