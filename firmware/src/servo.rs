@@ -170,7 +170,7 @@ impl ServoLoop {
     }
 
     fn pulse_us(&self) -> Option<f32> {
-        let asked_radps = self.speed_radps + self.trim_radps;
+        let asked_radps = if self.is_stalled { 0.0 } else { self.speed_radps + self.trim_radps };
         let share = if self.slew_radps > 0.0 { (asked_radps / self.slew_radps).max(-1.0).min(1.0) } else { 0.0 };
         let pulse_us = self.servo.neutral_us + self.servo.full_us * share;
         pulse_us.is_finite().then_some(pulse_us)
@@ -179,7 +179,7 @@ impl ServoLoop {
     /// Compares the way asked for with the way that the encoder saw.
     fn watch(&mut self, now_us: u64, aim: Aim) {
         let before_rad = core::mem::replace(&mut self.seen_rad, aim.is_measured.then_some(aim.angle_rad));
-        let Some(before_rad) = before_rad.filter(|_| aim.is_measured) else {
+        let Some(before_rad) = before_rad.filter(|_| aim.is_measured && !self.is_stalled) else {
             (self.fast, self.slow_since_us) = (None, None);
             return;
         };
@@ -300,12 +300,8 @@ mod tests {
             if self.has_encoder {
                 self.estimate_rad = self.plant.read_rad();
             }
-            let aim = Aim {
-                setpoint_rad,
-                angle_rad: self.estimate_rad,
-                is_measured: self.has_encoder,
-                speed_share: 1.0,
-            };
+            let aim =
+                Aim { setpoint_rad, angle_rad: self.estimate_rad, is_measured: self.has_encoder, speed_share: 1.0 };
             let pulse_us = self.servo.step(self.now_us, aim);
             self.plant.turn(pulse_us);
             pulse_us.expect("a pulse")
@@ -351,30 +347,128 @@ mod tests {
         arrival
     }
 
+    /// A servo as its parameters say, with half a degree of play and an encoder's noise.
+    fn usual() -> Plant {
+        Plant { backlash_rad: 0.5_f32.to_radians(), noise_rad: 0.05_f32.to_radians(), dice: 1, ..Plant::default() }
+    }
+
     #[test]
     fn a_servo_that_differs_from_its_parameters_still_settles_without_hunting() {
-        let mut table = std::string::String::from("gain % neutral us | settled ms error deg reversals wandered deg\n");
-        for gain_error in [-0.1, 0.0, 0.1] {
-            for neutral_error_us in [-8.0, 0.0, 8.0] {
-                for dead_band_us in [0.0, 4.0, 10.0] {
-                    let plant = Plant {
-                        gain_error,
-                        neutral_error_us,
-                        dead_band_us,
-                        backlash_rad: 0.5_f32.to_radians(),
-                        noise_rad: 0.05_f32.to_radians(),
-                        dice: 1,
-                        ..Plant::default()
-                    };
-                    let mut bench = Bench::new(plant);
-                    let arrivals: std::vec::Vec<Arrival> =
-                        (1_u8..=20).map(|image| turned(&mut bench, f32::from(image) * STEP_RAD)).collect();
-                    for (i, a) in arrivals.iter().enumerate() {
-                        table += &std::format!("{:6.0} {:6.0} {:4.0} {i:3} | {:8.0} {:8.2} {:5} {:8.2} trim {:.3}\n", gain_error * 100.0, neutral_error_us, dead_band_us, a.settled_s * 1000.0, a.error_rad.to_degrees(), a.reversals, a.wandered_rad.to_degrees(), bench.servo.trim_radps);
-                    }
-                }
+        // Gain error, neutral error, dead band, and how soon all turns have settled.
+        let rows = [
+            (0.0, 0.0, 0.0, 0.28),
+            (0.0, 0.0, 4.0, 0.28),
+            (0.0, 0.0, 10.0, 0.28),
+            (0.0, -8.0, 4.0, 0.28),
+            (0.0, 8.0, 4.0, 0.29),
+            (-0.1, -8.0, 0.0, 0.32),
+            (-0.1, 0.0, 4.0, 0.32),
+            (-0.1, 8.0, 10.0, 0.32),
+            (0.1, -8.0, 4.0, 0.34),
+            (0.1, 0.0, 0.0, 0.34),
+            (0.1, 8.0, 0.0, 0.34),
+        ];
+        for (gain_error, neutral_error_us, dead_band_us, settled_s) in rows {
+            let row = format!("gain {gain_error}, neutral {neutral_error_us} us, dead band {dead_band_us} us");
+            let mut bench = Bench::new(Plant { gain_error, neutral_error_us, dead_band_us, ..usual() });
+            for image in 1..=20_u8 {
+                let arrival = turned(&mut bench, f32::from(image) * STEP_RAD);
+                assert!(!bench.servo.is_stalled(), "{row}, image {image}: stalled");
+                assert!(arrival.settled_s <= settled_s, "{row}, image {image}: {arrival:?}");
+                assert!(arrival.error_rad.abs() < 0.5_f32.to_radians(), "{row}, image {image}: {arrival:?}");
+                assert!(arrival.reversals <= 2, "{row}, image {image}: {arrival:?}");
+                // The first turns teach the neutral.
+                let most_deg: f32 = if image < 5 { 0.8 } else { 0.3 };
+                assert!(arrival.wandered_rad < most_deg.to_radians(), "{row}, image {image}: {arrival:?}");
             }
         }
-        std::println!("{table}");
+    }
+
+    #[test]
+    fn without_encoder_a_turn_ends_where_its_pulses_lead() {
+        for gain_error in [0.0, 0.1] {
+            let mut bench = Bench::new(Plant { gain_error, ..Plant::default() });
+            bench.has_encoder = false;
+            for image in 1..=10_u8 {
+                turned(&mut bench, f32::from(image) * STEP_RAD);
+            }
+            let expected_rad = TAU * (1.0 + gain_error);
+            let error_rad = bench.plant.shaft_rad - expected_rad;
+            // The motor is a little behind the pulses in starting and in stopping.
+            assert!(error_rad.abs() < 0.02 * TAU, "gain error {gain_error}: {error_rad} rad after a turn");
+            assert!((bench.estimate_rad - TAU).abs() < 0.003, "the estimate is {} rad", bench.estimate_rad);
+        }
+    }
+
+    /// Turns until the loop sees a stall; returns after what time.
+    fn stalled_after_s(bench: &mut Bench, setpoint_rad: f32) -> Option<f32> {
+        bench.servo.begin_turn();
+        (1..=300_u16).map(|tick| f32::from(tick) * TICK_S).find(|_| {
+            bench.tick(setpoint_rad);
+            bench.servo.is_stalled()
+        })
+    }
+
+    #[test]
+    fn a_jammed_shaft_is_let_be_until_the_next_turn() {
+        let mut bench = Bench::new(Plant { is_jammed: true, ..usual() });
+        let after_s = stalled_after_s(&mut bench, STEP_RAD).expect("no stall seen");
+        assert!((0.3..0.4).contains(&after_s), "seen after {after_s} s");
+        assert!((0..100).all(|_| bench.tick(STEP_RAD) == 1500.0), "the servo goes on pushing");
+        bench.plant.is_jammed = false;
+        let arrival = turned(&mut bench, STEP_RAD);
+        assert!(arrival.error_rad.abs() < 0.01 && !bench.servo.is_stalled(), "{arrival:?}");
+    }
+
+    #[test]
+    fn a_shaft_that_jams_under_way_is_seen() {
+        let mut bench = Bench::new(usual());
+        bench.servo.begin_turn();
+        while bench.plant.shaft_rad < 2.0 {
+            bench.tick(6.0);
+        }
+        bench.plant.is_jammed = true;
+        let after_s = (1..=300_u16).map(|tick| f32::from(tick) * TICK_S).find(|_| {
+            bench.tick(6.0);
+            bench.servo.is_stalled()
+        });
+        assert!(after_s.is_some_and(|after_s| after_s < 0.7), "seen after {after_s:?} s");
+    }
+
+    #[test]
+    fn a_servo_that_turns_the_other_way_round_is_a_stall() {
+        let mut bench = Bench::new(Plant { gain_error: -2.0, ..usual() });
+        assert!(stalled_after_s(&mut bench, STEP_RAD).is_some());
+        let mut bench = Bench::new(Plant { gain_error: -2.0, ..usual() });
+        bench.servo.servo.full_us = -500.0;
+        let arrival = turned(&mut bench, STEP_RAD);
+        assert!(arrival.error_rad.abs() < 0.01, "told so it turns the right way: {arrival:?}");
+    }
+
+    #[test]
+    fn a_shaft_turned_by_hand_goes_back_whichever_way_it_was_turned() {
+        let mut bench = Bench::new(usual());
+        turned(&mut bench, 0.0);
+        for push_rad in [0.3, -0.3] {
+            let mut pulse_us = 0.0;
+            for _ in 0..20 {
+                bench.plant.motor_rad += push_rad / 20.0;
+                pulse_us = bench.tick(0.0);
+            }
+            assert!((pulse_us - 1500.0) * push_rad < 0.0, "pushed by {push_rad} rad, the pulse is {pulse_us} us");
+            assert!(turned(&mut bench, 0.0).error_rad.abs() < 0.01);
+        }
+    }
+
+    #[test]
+    fn parameters_that_are_no_numbers_give_no_pulse_or_one_that_stands() {
+        let shaft = ShaftParameters { slew_radps: f32::NAN, ..ShaftParameters::default() };
+        let mut bench = Bench { servo: ServoLoop::new(&shaft, STEP_RAD), ..Bench::new(usual()) };
+        assert!((0..50).all(|_| bench.tick(1.0) == 1500.0));
+        let servo = ServoParameters { neutral_us: f32::NAN, ..ServoParameters::default() };
+        let mut servo_loop = ServoLoop::new(&ShaftParameters { servo, ..ShaftParameters::default() }, STEP_RAD);
+        servo_loop.advance(5_000);
+        let aim = Aim { setpoint_rad: 1.0, angle_rad: 0.0, is_measured: true, speed_share: 1.0 };
+        assert_eq!(servo_loop.step(5_000, aim), None);
     }
 }

@@ -130,9 +130,9 @@ impl Shaft {
     pub(crate) fn turn(&mut self, now_us: u64) -> Turn {
         let parameters = &self.parameters;
         let arrived = (self.angle_rad - self.setpoint_rad).abs() <= self.step_rad * 0.25;
-        let held = self.rest.filter(|(rest_rad, _)| {
-            arrived && (self.angle_rad - rest_rad).abs() <= parameters.settle_tolerance_rad
-        });
+        let held = self
+            .rest
+            .filter(|(rest_rad, _)| arrived && (self.angle_rad - rest_rad).abs() <= parameters.settle_tolerance_rad);
         self.rest = held.or(arrived.then_some((self.angle_rad, now_us)));
         if self.servo.is_stalled() {
             Turn::Late
@@ -166,6 +166,8 @@ impl Shaft {
 #[cfg(test)]
 mod tests {
     use core::f32::consts::TAU;
+
+    use adit_geometry::angles::{wrap_half_turn, wrap_turn};
 
     use super::*;
 
@@ -258,5 +260,72 @@ mod tests {
         assert!(!shaft.encoder_is_lost());
         shaft.observe(200_000, Some(f32::NAN));
         assert!(shaft.encoder_is_lost());
+    }
+
+    /// Drives the shaft for so long, with an encoder that turns as the pulses say, or does not turn at all.
+    fn driven(shaft: &mut Shaft, now_us: &mut u64, shaft_rad: &mut f32, moves: bool) -> (Turn, f32) {
+        let mut fastest_us = 0.0_f32;
+        for _ in 0..400 {
+            *now_us += 5_000;
+            shaft.observe(*now_us, Some(wrap_turn(*shaft_rad)));
+            let pulse_us = shaft.drive(*now_us).expect("a pulse") - 1500.0;
+            fastest_us = fastest_us.max(pulse_us.abs());
+            *shaft_rad += if moves { pulse_us / 500.0 * 5.0 * 0.005 } else { 0.0 };
+            match shaft.turn(*now_us) {
+                Turn::Turning => {}
+                other => return (other, fastest_us),
+            }
+        }
+        (Turn::Turning, fastest_us)
+    }
+
+    #[test]
+    fn home_is_the_nearest_multiple_of_the_step_and_the_way_there_is_slow() {
+        for (left_rad, home_rad) in [(0.9, TAU / 10.0), (3.4, TAU / 2.0), (6.2, 0.0), (3.2, -TAU / 2.0)] {
+            let (mut shaft, mut now_us, mut shaft_rad) = (shaft(), 0, left_rad);
+            shaft.observe(0, Some(left_rad));
+            shaft.home(0);
+            let (turn, fastest_us) = driven(&mut shaft, &mut now_us, &mut shaft_rad, true);
+            assert_eq!(turn, Turn::Still);
+            assert!(wrap_half_turn(shaft_rad - home_rad).abs() < 0.0175, "left at {left_rad}, home at {shaft_rad}");
+            assert!(fastest_us < 167.0, "a pulse of {fastest_us} us on the way home");
+            shaft.turn_to(now_us, 1);
+            let (turn, fastest_us) = driven(&mut shaft, &mut now_us, &mut shaft_rad, true);
+            assert!(turn == Turn::Still && fastest_us > 300.0, "{turn:?}, a pulse of {fastest_us} us");
+        }
+    }
+
+    #[test]
+    fn a_shaft_that_does_not_follow_is_late_at_once_and_each_turn_tries_anew() {
+        let (mut shaft, mut now_us, mut shaft_rad) = (shaft(), 0, 0.0);
+        shaft.observe(0, Some(0.0));
+        for index in 1..3 {
+            shaft.turn_to(now_us, index);
+            let began_us = now_us;
+            let (turn, _) = driven(&mut shaft, &mut now_us, &mut shaft_rad, false);
+            assert_eq!(turn, Turn::Late);
+            assert!(now_us - began_us < 400_000, "late after {} us", now_us - began_us);
+        }
+        shaft.turn_to(now_us, 3);
+        assert_eq!(driven(&mut shaft, &mut now_us, &mut shaft_rad, true).0, Turn::Still);
+    }
+
+    #[test]
+    fn an_encoder_that_comes_back_corrects_the_estimate_by_less_than_a_turn() {
+        let (mut shaft, mut shaft_rad) = (shaft(), 0.0_f32);
+        shaft.observe(0, Some(0.0));
+        for step in 1..2000 {
+            let now_us = step * 5_000;
+            if step % 200 == 0 {
+                shaft.turn_to(now_us, step as u32 / 200);
+            }
+            // Silent from two seconds to eight, while the servo is a little too fast.
+            let heard = !(400..1600).contains(&step);
+            shaft.observe(now_us, heard.then(|| wrap_turn(shaft_rad)));
+            shaft_rad += (shaft.drive(now_us).expect("a pulse") - 1500.0) / 500.0 * 5.2 * 0.005;
+        }
+        assert!(shaft.is_measured());
+        assert!((shaft.angle_rad() - shaft_rad).abs() < 0.02, "{} for {shaft_rad}", shaft.angle_rad());
+        assert!((shaft_rad - 9.0 * TAU / 10.0).abs() < 0.0175, "at {shaft_rad} rad");
     }
 }
