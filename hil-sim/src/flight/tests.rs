@@ -87,7 +87,7 @@ fn turn_times_s(flight: &Flight) -> Vec<f64> {
         };
         let away = |moment: &Moment, from: &Exposure| (moment.shaft_rad - from.shaft_rad).abs() > 1_f64.to_radians();
         let left = between().find(|moment| away(moment, earlier));
-        let arrived = between().filter(|moment| away(moment, later)).last();
+        let arrived = between().rfind(|moment| away(moment, later));
         if let (Some(left), Some(arrived)) = (left, arrived) {
             times_s.push(arrived.time_s - left.time_s);
         }
