@@ -2,7 +2,10 @@
 
 use core::f32::consts::TAU;
 
+use adit_geometry::angles::wrap_turn;
+
 use super::*;
+use crate::shaft::{Shaft, Turn};
 
 const TICK_US: u64 = 5_000;
 const TICK_S: f32 = 0.005;
@@ -260,4 +263,33 @@ fn parameters_that_are_no_numbers_give_no_pulse_or_one_that_stands() {
     servo_loop.advance(5_000);
     let aim = Aim { setpoint_rad: 1.0, angle_rad: 0.0, is_measured: true, speed_share: 1.0 };
     assert_eq!(servo_loop.step(5_000, aim), None);
+}
+
+#[test]
+fn the_shaft_is_still_within_half_a_second_of_the_command() {
+    for gain_error in [-0.1, 0.0, 0.1] {
+        for neutral_error_us in [-8.0, 0.0, 8.0] {
+            let mut plant = Plant { gain_error, neutral_error_us, dead_band_us: 4.0, ..usual() };
+            let mut shaft = Shaft::new(ShaftParameters::default(), 10);
+            let mut now_us = 0;
+            for image in 1..=10 {
+                shaft.turn_to(now_us, image);
+                let began_us = now_us;
+                let mut still_us = None;
+                while now_us < began_us + 1_500_000 {
+                    now_us += TICK_US;
+                    shaft.observe(now_us, Some(wrap_turn(plant.read_rad())));
+                    plant.turn(shaft.drive(now_us));
+                    if still_us.is_none() && shaft.turn(now_us) == Turn::Still {
+                        still_us = Some(now_us - began_us);
+                    }
+                }
+                let still_us = still_us.expect("never still");
+                assert!(
+                    (250_000..=500_000).contains(&still_us),
+                    "gain error {gain_error}, image {image}: {still_us} us"
+                );
+            }
+        }
+    }
 }
