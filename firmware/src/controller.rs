@@ -302,7 +302,17 @@ impl Controller {
         }
     }
 
+    /// Turns the shaft, or lets it go.
+    fn drive_shaft(&mut self) -> Option<f32> {
+        if modes::drives_shaft(self.mode) {
+            return self.shaft.drive(self.now_us);
+        }
+        self.shaft.release();
+        None
+    }
+
     fn outputs(&mut self, navigation: &Navigation) -> Outputs {
+        let servo_pulse_us = self.drive_shaft();
         // In Fault the vehicle shall stand until the pilot has seen it.
         let speed_limit_mps = match self.mode {
             Mode::Fault => Some(0.0),
@@ -311,7 +321,7 @@ impl Controller {
         Outputs {
             mode: self.mode,
             shaft_setpoint_rad: self.shaft.setpoint_rad(),
-            servo_pulse_us: None,
+            servo_pulse_us,
             shutter: self.sequencer.shutter(self.now_us),
             light_level: self.sequencer.light_level(),
             speed_limit_mps,

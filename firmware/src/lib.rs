@@ -21,6 +21,7 @@ mod position;
 mod ranges;
 pub mod recorder;
 mod self_test;
+mod servo;
 mod shaft;
 pub mod store;
 pub mod table;
