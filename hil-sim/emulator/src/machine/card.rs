@@ -8,7 +8,7 @@
 //!
 //! Power that fails leaves whole blocks: a block is written when its last byte has crossed.
 
-use rigless::chip::sd::{Answer, BLOCK, Busy, Card, Outcome, command};
+use rigless::chip::sd::{Answer, BLOCK, Busy, Outcome, command};
 use rigless::chip::{Timeline, sd};
 use rigless::snapshot::Store;
 use rigless::time::VirtualNanos;

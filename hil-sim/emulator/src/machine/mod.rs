@@ -213,6 +213,10 @@ impl Machine {
         self.drive(pins::CAMERA_BUSY, sensed.camera_busy, at);
         self.drive(pins::CAMERA_CONFIRM, sensed.camera_confirm, at);
         self.drive(pins::SAFETY_SWITCH, sensed.safety_switch, at);
+        // The lamps hang on the rail: a pin that lets go is pulled up through them.
+        for lamp in pins::LAMPS {
+            self.drive(lamp, true, at);
+        }
     }
 
     fn move_body(&mut self, motion: &Motion) {
