@@ -11,7 +11,8 @@ use adit_firmware::io::{CentringStatus, Inputs, Outputs};
 use adit_hil_sim::flight::Board;
 use adit_hil_sim::plant::vehicle::VehicleState;
 use adit_hil_sim::seed::{Random, Stream};
-use adit_protocol::parameters::{Parameters, RangeBus};
+use adit_protocol::beams::Beams;
+use adit_protocol::parameters::{Parameters, RangeBus, ServoParameters};
 use rigless::image::Image;
 
 use crate::equipment::Equipment;
@@ -21,8 +22,8 @@ use crate::machine::{
     APPLICATION_START, BOOTLOADER, BlockImage, CardDefects, Chips, FLASH_START, FRAM_BYTES, LINES, Pins, Sabotage,
     VolumeError,
 };
-use crate::report::{Report, Restart, RestartCause};
-use crate::run::{Broken, Reading, Remains, Run, RunError, Step};
+use crate::report::{Accounts, Report, Restart, RestartCause};
+use crate::run::{Blow, Broken, Reading, Remains, Run, RunError, Step};
 use crate::vehicle_link::VehicleLink;
 
 /// Blocks of the card that is in the slot unless another is given: 1 GB.
@@ -103,9 +104,9 @@ pub struct EmulatedBoard {
     now_ns: u64,
     epoch_ns: u64,
     turned_rad: f32,
-    servo: adit_protocol::parameters::ServoParameters,
+    servo: ServoParameters,
     slew_radps: f32,
-    report: Vec<crate::report::Accounts>,
+    accounts: Vec<Accounts>,
     power_ups: Vec<Restart>,
 }
 
@@ -151,7 +152,7 @@ impl EmulatedBoard {
             turned_rad: 0.0,
             servo: parameters.shaft.servo,
             slew_radps: parameters.shaft.slew_radps,
-            report: Vec::new(),
+            accounts: Vec::new(),
             power_ups: Vec::new(),
         })
     }
@@ -189,7 +190,7 @@ impl EmulatedBoard {
         let chips = match std::mem::replace(&mut self.power, Power::Changing) {
             Power::On(run) => {
                 let Remains { chips, accounts } = run.end()?;
-                self.report.push(accounts);
+                self.accounts.push(accounts);
                 chips
             }
             Power::Off(chips) => *chips,
@@ -197,7 +198,7 @@ impl EmulatedBoard {
             Power::Changing => return Err(RunError::Ended.into()),
         };
         let mut report = Report::new(chips, self.sent);
-        for accounts in &self.report {
+        for accounts in &self.accounts {
             report.add(accounts);
         }
         report.restarts.extend(&self.power_ups);
@@ -210,15 +211,14 @@ impl EmulatedBoard {
         while self.now_ns < until_ns {
             self.switch();
             let next_ns = self.faults.power_edge(self.now_ns, until_ns).unwrap_or(until_ns);
-            let step = Step {
-                until_ns: next_ns - self.epoch_ns.min(next_ns),
+            let mut step = Step {
+                until_ns: next_ns.saturating_sub(self.epoch_ns),
                 sensed: self.equipment.sense(self.now_ns / 1000, &self.inputs),
-                said: Default::default(),
-                broken: Broken::default(),
+                ..Step::default()
             };
             if let Power::On(run) = &self.power {
-                let mut step = step;
-                step.broken = broken(&mut self.faults, &mut self.random, self.now_ns);
+                step.broken = broken(&self.faults, self.now_ns);
+                step.blows = blows(&mut self.faults, &mut self.random, self.now_ns);
                 step.said = std::mem::take(&mut self.said);
                 if self.faults.holds(BoardFaultKind::TelemetryGarbage, self.now_ns) {
                     let bytes = (next_ns - self.now_ns) * self.baud / BITS_PER_BYTE / 1_000_000_000;
@@ -251,7 +251,7 @@ impl EmulatedBoard {
         self.power = match std::mem::replace(&mut self.power, Power::Changing) {
             Power::On(run) if cut => match run.end() {
                 Ok(Remains { chips, accounts }) => {
-                    self.report.push(accounts);
+                    self.accounts.push(accounts);
                     self.pins = Pins::default();
                     self.link.forget();
                     Power::Off(Box::new(chips))
@@ -291,7 +291,7 @@ impl EmulatedBoard {
 
     fn outputs(&self) -> Outputs {
         let heard = &self.link.heard;
-        let unknown = CentringStatus { offset_m: [0.0; 2], sigma_m: [0.0; 2], used: Default::default() };
+        let unknown = CentringStatus { offset_m: [0.0; 2], sigma_m: [0.0; 2], used: Beams::default() };
         Outputs {
             mode: heard.mode,
             shaft_setpoint_rad: self.turned_rad,
@@ -328,9 +328,9 @@ impl Board for EmulatedBoard {
 }
 
 /// What is wrong with the board from `now_ns` on.
-fn broken(faults: &mut BoardFaults, random: &mut Random, now_ns: u64) -> Broken {
+fn broken(faults: &BoardFaults, now_ns: u64) -> Broken {
     let holds = |kind| faults.holds(kind, now_ns);
-    let mut broken = Broken {
+    Broken {
         sabotage: Sabotage {
             bus_held: holds(BoardFaultKind::BusHeld),
             telemetry_stuck: holds(BoardFaultKind::TelemetryStuck),
@@ -340,14 +340,24 @@ fn broken(faults: &mut BoardFaults, random: &mut Random, now_ns: u64) -> Broken 
             bad_reads: holds(BoardFaultKind::CardReadErrors),
             bad_writes: holds(BoardFaultKind::CardWriteErrors),
         },
-        ..Broken::default()
-    };
-    broken.fill_card = faults.begins(BoardFaultKind::CardFull, now_ns);
-    broken.hang = faults.begins(BoardFaultKind::CoreHang, now_ns);
-    broken.crash = faults.begins(BoardFaultKind::CoreCrash, now_ns);
-    if faults.begins(BoardFaultKind::FramCorrupt, now_ns) {
-        let mask = |random: &mut Random| if random.chance(0.125) { random.index(256) as u8 } else { 0 };
-        broken.corrupt_fram = Some((0..FRAM_BYTES).map(|_| mask(random)).collect());
     }
-    broken
+}
+
+/// What happens to the board at `now_ns`.
+fn blows(faults: &mut BoardFaults, random: &mut Random, now_ns: u64) -> Vec<Blow> {
+    let mut blows = Vec::new();
+    if faults.begins(BoardFaultKind::CardFull, now_ns) {
+        blows.push(Blow::FillCard);
+    }
+    if faults.begins(BoardFaultKind::FramCorrupt, now_ns) {
+        let mut mask = || if random.chance(0.125) { random.index(256) as u8 } else { 0 };
+        blows.push(Blow::CorruptFram((0..FRAM_BYTES).map(|_| mask()).collect()));
+    }
+    if faults.begins(BoardFaultKind::CoreHang, now_ns) {
+        blows.push(Blow::Hang);
+    }
+    if faults.begins(BoardFaultKind::CoreCrash, now_ns) {
+        blows.push(Blow::Crash);
+    }
+    blows
 }

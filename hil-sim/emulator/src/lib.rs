@@ -9,6 +9,7 @@ mod board;
 mod equipment;
 mod faults;
 mod hub;
+mod log;
 mod machine;
 mod report;
 mod run;
@@ -16,6 +17,7 @@ mod vehicle_link;
 
 pub use board::{EmulatedBoard, EmulatorError, Setup};
 pub use faults::{BoardFault, BoardFaultKind};
+pub use log::{CardLog, log_of};
 pub use machine::{BlockImage, BlockWrite, FRAM_BYTES, FramWrite, Pins, RangerMisuse, VolumeError};
 pub use report::{Report, Restart, RestartCause};
 pub use run::RunError;

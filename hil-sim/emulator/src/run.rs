@@ -11,7 +11,7 @@ use rigless::image::Image;
 use rigless::session::Session;
 use rigless::time::VirtualNanos;
 
-use crate::machine::{CardDefects, Chips, LINES, Machine, Pins, Sabotage, Sensed};
+use crate::machine::{CardDefects, Chips, LINES, Machine, Pins, Sabotage, Sensed, SerialLine};
 use crate::report::Accounts;
 
 /// Registers of I2C1 and USART2, RM0090 rev 21 table 1, in one stretch.
@@ -30,10 +30,12 @@ pub(crate) struct Step {
     pub(crate) said: [Vec<u8>; LINES],
     /// What is wrong with the board meanwhile.
     pub(crate) broken: Broken,
+    /// What happens to the board at the step's beginning.
+    pub(crate) blows: Vec<Blow>,
 }
 
 /// What is wrong with the board during a step.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Broken {
     /// Broken registers.
     pub(crate) sabotage: Sabotage,
@@ -41,14 +43,19 @@ pub(crate) struct Broken {
     pub(crate) card_pulled: bool,
     /// The card is broken.
     pub(crate) card: CardDefects,
-    /// From now on the card is full.
-    pub(crate) fill_card: bool,
-    /// Masks for the FRAM's bytes, to be applied now.
-    pub(crate) corrupt_fram: Option<Vec<u8>>,
-    /// The core stands still from now until it is restarted.
-    pub(crate) hang: bool,
+}
+
+/// What happens to the board at once.
+#[derive(Clone, Debug)]
+pub(crate) enum Blow {
+    /// The card is full.
+    FillCard,
+    /// The FRAM's bytes change by these masks.
+    CorruptFram(Vec<u8>),
+    /// The core stands still until it is restarted.
+    Hang,
     /// The core's next access to a peripheral fails.
-    pub(crate) crash: bool,
+    Crash,
 }
 
 /// What the run answers.
@@ -100,7 +107,8 @@ impl Run {
         let session = Session::new(Box::new(Machine::new(chips, epoch_ns)?), 0, VirtualNanos(0))?;
         let (steps, step) = sync_channel(1);
         let (reading, readings) = sync_channel(1);
-        let driver = Lockstep { steps: step, readings: reading, broken: Broken::default(), resets: 0, started: false };
+        let driver =
+            Lockstep { steps: step, readings: reading, broken: Broken::default(), hanging_since: None, started: false };
         let thread = std::thread::Builder::new()
             .name("emulator".to_owned())
             .spawn(move || emulator::run(session, &Start::new(&images), driver))?;
@@ -129,22 +137,14 @@ struct Lockstep {
     steps: Receiver<Step>,
     readings: SyncSender<Reading>,
     broken: Broken,
-    /// Restarts seen while the core was made to hang.
-    resets: usize,
+    /// While the core is made to hang: restarts so far.
+    hanging_since: Option<usize>,
     started: bool,
 }
 
 impl Lockstep {
     /// Puts a step's news onto the board.
     fn apply(&mut self, step: Step, session: &mut Session<Machine>, host: &mut dyn Host, at: VirtualNanos) {
-        if step.broken.hang {
-            self.resets = session.resets().len();
-            host.hold(true);
-        }
-        if step.broken.crash {
-            session.fail_next(PERIPHERALS.0, PERIPHERALS.1);
-        }
-        let hanging = self.broken.hang;
         let machine = session.board_mut();
         machine.sense(&step.sensed, at);
         for (nth, bytes) in step.said.iter().enumerate() {
@@ -153,34 +153,46 @@ impl Lockstep {
             }
         }
         machine.pull_card(step.broken.card_pulled);
+        machine.sabotage(step.broken.sabotage);
         if let Some(card) = machine.card() {
             card.defects = step.broken.card;
-            // A card without volume cannot be filled, and takes nothing anyway.
-            if step.broken.fill_card && card.image.fill().is_err() {
-                card.defects.bad_writes = true;
-            }
         }
-        if let (Some(masks), Some(fram)) = (&step.broken.corrupt_fram, machine.fram()) {
-            let mut masks = masks.iter();
-            fram.corrupt(|| masks.next().copied().unwrap_or(0));
+        for blow in step.blows {
+            self.strike(blow, session, host);
         }
-        machine.sabotage(step.broken.sabotage);
         self.broken = step.broken;
-        self.broken.hang |= hanging;
+    }
+
+    fn strike(&mut self, blow: Blow, session: &mut Session<Machine>, host: &mut dyn Host) {
+        match blow {
+            Blow::FillCard => {
+                if let Some(card) = session.board_mut().card() {
+                    card.fill();
+                }
+            }
+            Blow::CorruptFram(masks) => {
+                if let Some(fram) = session.board_mut().fram() {
+                    fram.corrupt(&masks);
+                }
+            }
+            Blow::Hang => {
+                self.hanging_since = Some(session.resets().len());
+                host.hold(true);
+            }
+            Blow::Crash => session.fail_next(PERIPHERALS.0, PERIPHERALS.1),
+        }
     }
 }
 
 impl Driver<Machine> for Lockstep {
     fn on_settled(&mut self, session: &mut Session<Machine>, host: &mut dyn Host, settled: Settled) {
         match settled {
-            Settled::Access { access, .. } => {
-                if self.broken.sabotage != Sabotage::default() && SABOTAGED.contains(&access.address) {
-                    session.board_mut().sabotage(self.broken.sabotage);
-                }
+            Settled::Access { access, .. } if SABOTAGED.contains(&access.address) => {
+                session.board_mut().sabotage(self.broken.sabotage);
             }
             // The watchdog has bitten: the core goes on from its reset vector.
-            Settled::Stop(_) if self.broken.hang && session.resets().len() > self.resets => {
-                self.broken.hang = false;
+            Settled::Stop(_) if self.hanging_since.is_some_and(|resets| session.resets().len() > resets) => {
+                self.hanging_since = None;
                 host.hold(false);
             }
             _ => {}
@@ -190,7 +202,7 @@ impl Driver<Machine> for Lockstep {
     fn on_stop(&mut self, session: &mut Session<Machine>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         if std::mem::replace(&mut self.started, true) {
             let machine = session.board_mut();
-            let heard = std::array::from_fn(|nth| machine.line(nth).map(|line| line.take()).unwrap_or_default());
+            let heard = std::array::from_fn(|nth| machine.line(nth).map(SerialLine::take).unwrap_or_default());
             self.readings.send(Reading { pins: machine.pins(), heard }).ok()?;
         }
         let step = self.steps.recv().ok()?;

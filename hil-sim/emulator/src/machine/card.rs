@@ -110,6 +110,13 @@ impl SdCard {
         *self = Self { journal, epoch_ns, defects: self.defects, ..Self::new(image) };
     }
 
+    /// Leaves no room on the card; one without volume takes nothing any more.
+    pub(crate) fn fill(&mut self) {
+        if self.image.fill().is_err() {
+            self.image = BlockImage::empty(0);
+        }
+    }
+
     fn answer(&mut self, index: u8, argument: u32, now_ns: u64) -> Answer {
         self.now_ns = now_ns;
         if self.state == State::Programming && now_ns >= self.programmed_ns {

@@ -110,7 +110,9 @@ mod tests {
     fn a_setting_reads_back() {
         let mut encoder = ShaftEncoder { steps: Some(0), ..ShaftEncoder::default() };
         assert!(encoder.begin(ADDRESS, false));
-        [0x07, 0x12, 0x34].into_iter().for_each(|byte| encoder.take(byte));
+        for byte in [0x07, 0x12, 0x34] {
+            encoder.take(byte);
+        }
         assert_eq!(read(&mut encoder, 0x07)[..2], [0x12, 0x34]);
     }
 

@@ -60,9 +60,9 @@ impl Fram {
     }
 
     /// Turns bits over, as radiation or a bad supply does.
-    pub(crate) fn corrupt(&mut self, mut mask: impl FnMut() -> u8) {
-        for byte in &mut self.contents {
-            *byte ^= mask();
+    pub(crate) fn corrupt(&mut self, masks: &[u8]) {
+        for (byte, mask) in self.contents.iter_mut().zip(masks) {
+            *byte ^= mask;
         }
     }
 

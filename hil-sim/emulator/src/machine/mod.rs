@@ -290,7 +290,8 @@ impl Machine {
 
     /// Pulls the card out of its slot, or puts it back.
     pub(crate) fn pull_card(&mut self, pulled: bool) {
-        self.mcu.sdio.silence(pulled);
+        // It answers whether there is a card to silence, and there is.
+        let _ = self.mcu.sdio.silence(pulled);
     }
 
     /// Breaks registers, as [`Sabotage`] says.
