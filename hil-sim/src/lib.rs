@@ -4,6 +4,7 @@
 
 pub mod card;
 pub mod check;
+pub mod command;
 pub mod config;
 pub mod faults;
 pub mod flight;

@@ -1,2 +1,138 @@
-//! `adit-emulator`.
-fn main() {}
+//! `adit-emulator`: flies the flash image itself through a simulated tunnel and leaves what a real flight leaves.
+//!
+//! Exit codes: 0 done, 1 the flight broke a rule that must hold, 2 could not run.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use adit_emulator::{EmulatedBoard, Report, Setup, log_of};
+use adit_hil_sim::check;
+use adit_hil_sim::command::{Left, MissionFile, figures_text, prepare};
+use adit_hil_sim::flight::fly_board;
+use anyhow::{Context, Result, bail};
+use clap::{Args, Parser, Subcommand};
+
+/// Name and version of this program, for `flight.json`.
+const PROGRAM: &str = concat!("adit-emulator ", env!("CARGO_PKG_VERSION"));
+/// Where `cargo xtask flash --build-only` leaves the image.
+const IMAGE: &str = "target/thumbv7em-none-eabihf/flash/rotator";
+
+/// Flies the rotator board's flash image, on an emulated Pixracer, through a simulated tunnel.
+#[derive(Parser)]
+#[command(name = "adit-emulator", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Fly a mission; writes board.log, DCIM/, truth/ and flight.json.
+    Fly(FlyArguments),
+}
+
+#[derive(Args)]
+struct FlyArguments {
+    /// Mission file (TOML) with tables tunnel, camera, rig, flight and simulation.
+    mission: PathBuf,
+    /// Folder to write to; made if it is not there.
+    #[arg(long)]
+    out: PathBuf,
+    /// Seed of everything that happens by chance; default: the mission's, else 1.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// The flash image (ELF).
+    #[arg(long, default_value = IMAGE)]
+    image: PathBuf,
+    /// Leave out photos and the true texture.
+    #[arg(long)]
+    no_photos: bool,
+    /// Print the figures as JSON.
+    #[arg(long)]
+    json: bool,
+    /// Write into a folder that is not empty: what an earlier flight left there is removed first.
+    #[arg(long)]
+    force: bool,
+}
+
+/// What is printed as JSON.
+#[derive(serde::Serialize)]
+struct Figures<'r> {
+    #[serde(flatten)]
+    flight: &'r check::Report,
+    board: BoardFigures<'r>,
+}
+
+/// How the board itself fared.
+#[derive(serde::Serialize)]
+struct BoardFigures<'r> {
+    instructions: u64,
+    restarts: &'r [adit_emulator::Restart],
+    gaps: &'r [String],
+    ranger_misuse: adit_emulator::RangerMisuse,
+    card_blocks_written: usize,
+    fram_bytes_written: usize,
+}
+
+fn main() -> ExitCode {
+    let Cli { command: Verb::Fly(arguments) } = Cli::parse();
+    match run(&arguments) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(arguments: &FlyArguments) -> Result<bool> {
+    let file = MissionFile::read(&arguments.mission, arguments.seed)?;
+    eprintln!("seed {}", file.seed);
+    let image = &arguments.image;
+    if !image.exists() {
+        bail!("no flash image at {}; build it with: cargo xtask flash --build-only", image.display());
+    }
+    prepare(&arguments.out, arguments.force)?;
+
+    let mut board = EmulatedBoard::new(image, &file.mission.parameters(), Setup::new(file.seed)?)?;
+    let mut flight = fly_board(&mut board, &file.mission, &file.simulation, file.seed)
+        .with_context(|| format!("mission {}", file.path.display()))?;
+    let board = board.finish()?;
+    let log = log_of(&board)?;
+    flight.entries = log.entries;
+    let report = file.check(&flight, &log.bytes)?;
+    let left =
+        Left { program: PROGRAM, flight: &flight, log: &log.bytes, report: &report, photos: !arguments.no_photos };
+    file.leave(&arguments.out, &left)?;
+    print(&report, &board, arguments.json)?;
+    Ok(report.violations.is_empty() && board.gaps.is_empty())
+}
+
+fn print(report: &check::Report, board: &Report, json: bool) -> Result<()> {
+    for violation in &report.violations {
+        eprintln!("rule broken: {violation:?}");
+    }
+    for gap in &board.gaps {
+        eprintln!("not emulated: {gap}");
+    }
+    if json {
+        let figures = BoardFigures {
+            instructions: board.instructions,
+            restarts: &board.restarts,
+            gaps: &board.gaps,
+            ranger_misuse: board.ranger_misuse,
+            card_blocks_written: board.card_writes.len(),
+            fram_bytes_written: board.fram_writes.len(),
+        };
+        println!("{}", serde_json::to_string_pretty(&Figures { flight: report, board: figures })?);
+        return Ok(());
+    }
+    print!("{}", figures_text(report));
+    println!("instructions       {:.1} million", board.instructions as f64 / 1e6);
+    println!("restarts           {}", board.restarts.len());
+    for restart in &board.restarts {
+        println!("                   {:?} at {:.3} s", restart.cause, restart.at_ns as f64 / 1e9);
+    }
+    Ok(())
+}

@@ -39,6 +39,8 @@ const TEXTURE_ROWS: f64 = 65_000.0;
 /// Everything that a card is made from.
 #[derive(Clone, Copy, Debug)]
 pub struct CardSource<'f> {
+    /// Name and version of the program that flew it.
+    pub program: &'f str,
     /// The flight.
     pub flight: &'f Flight,
     /// Its log.
@@ -70,7 +72,7 @@ pub enum CardError {
 #[derive(Serialize)]
 struct FlightJson<'f> {
     format: u32,
-    program: &'static str,
+    program: &'f str,
     seed: u64,
     mission: &'static str,
     log: &'static str,
@@ -119,7 +121,7 @@ pub fn write_card(out: &Path, source: &CardSource<'_>, photos: Option<&(dyn Fn()
     }
     let json = FlightJson {
         format: 1,
-        program: concat!("adit-sim ", env!("CARGO_PKG_VERSION")),
+        program: source.program,
         seed: flight.seed,
         mission: "mission.toml",
         log: "board.log",

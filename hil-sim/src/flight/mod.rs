@@ -29,6 +29,11 @@ const VEHICLE_HALF_WIDTH_M: f64 = 0.25;
 
 /// Whatever runs the board's logic: the library, or later a flash image or a real board.
 pub trait Board {
+    /// Feels how the vehicle moves, as inertial units on the board do; comes before the step of the same moment.
+    fn feel(&mut self, now_us: u64, vehicle: &VehicleState) {
+        let _ = (now_us, vehicle);
+    }
+
     /// Takes the inputs of this moment and returns what shall be done. `now_us` since the board's start.
     fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs;
 }
@@ -149,7 +154,9 @@ pub fn fly_board(
             flight.outcome = Outcome::PowerLost;
             break;
         }
-        let outputs = board.step((world.now_s() * 1e6).round() as u64, &inputs);
+        let now_us = (world.now_s() * 1e6).round() as u64;
+        board.feel(now_us, world.vehicle());
+        let outputs = board.step(now_us, &inputs);
         flight.note(&world, &outputs);
         let action = match pilot.decide(world.now_s(), outputs.mode, world.vehicle().position_m.x) {
             Ok(action) => action,

@@ -1,0 +1,23 @@
+//! An emulated Pixracer that runs the rotator's flash image, byte for byte, in lockstep with the simulated world.
+//!
+//! [`EmulatedBoard`] is a [`Board`](adit_hil_sim::flight::Board) of the simulator: the loop that flies the board's logic
+//! flies the image too. The microcontroller is the crate `rigless`'s STM32F427; the chips around it are [`machine`]'s. Time
+//! is virtual and counts instructions: same image, same world, same seed give the same flight.
+#![forbid(unsafe_code)]
+
+mod board;
+mod equipment;
+mod faults;
+mod hub;
+mod log;
+mod machine;
+mod report;
+mod run;
+mod vehicle_link;
+
+pub use board::{EmulatedBoard, EmulatorError, Setup};
+pub use faults::{BoardFault, BoardFaultKind};
+pub use log::{CardLog, log_of};
+pub use machine::{BlockImage, BlockWrite, FRAM_BYTES, FramWrite, Pins, RangerMisuse, VolumeError};
+pub use report::{Report, Restart, RestartCause};
+pub use run::RunError;
