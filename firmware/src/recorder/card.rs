@@ -252,19 +252,15 @@ impl Layout {
         };
         let first = before.saturating_mul(SECTOR_BYTES / self.entry_bytes);
         for (cluster, entry) in (first..).zip(block.chunks_exact_mut(self.entry_bytes as usize)) {
-            match entry {
+            let (value, bad, end): (_, _, &[u8]) = match *entry {
                 [b0, b1, b2, b3] => {
-                    let value = u32::from_le_bytes([*b0, *b1, *b2, *b3]) & 0x0FFF_FFFF;
-                    if self.is_nonsense(cluster, value, 0x0FFF_FFF7) {
-                        [*b0, *b1, *b2, *b3] = [0xFF, 0xFF, 0xFF, 0x0F];
-                    }
+                    (u32::from_le_bytes([b0, b1, b2, b3]) & 0x0FFF_FFFF, 0x0FFF_FFF7, &[0xFF, 0xFF, 0xFF, 0x0F])
                 }
-                [b0, b1] => {
-                    if self.is_nonsense(cluster, u32::from(u16::from_le_bytes([*b0, *b1])), 0xFFF7) {
-                        [*b0, *b1] = [0xFF, 0xFF];
-                    }
-                }
-                _ => {}
+                [b0, b1] => (u32::from(u16::from_le_bytes([b0, b1])), 0xFFF7, &[0xFF, 0xFF]),
+                _ => continue,
+            };
+            if self.is_nonsense(cluster, value, bad) {
+                entry.copy_from_slice(end);
             }
         }
     }
