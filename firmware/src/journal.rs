@@ -8,7 +8,8 @@ use adit_protocol::record::{Entry, Event, EventKind};
 
 use crate::io::MAX_ENTRIES;
 
-/// The queue from the controller to the recorder: at two samples and one capture a second, a dozen seconds of a busy card.
+/// The queue from the controller to the recorder: one capture (a tag, two updates) and two pairs of samples a second fill it
+/// in nine seconds, many times longer than a card may be busy.
 pub type LogQueue = Journal<64>;
 
 /// The controller's own: room for the worst step many times over.

@@ -3,7 +3,7 @@
 //! A save writes over the older copy and never touches the newest valid one, so that power may fail at any byte of it:
 //! the next start finds the old value or the new one. A copy is sealed with a CRC, so a torn one is told from a whole one;
 //! the sequence number tells which of two whole ones is newer. FRAM has no wear that matters (10^14 writes, Cypress
-//! FM25V01 data sheet, table "Data Retention and Endurance"), so both copies stay where they are.
+//! FM25V01 data sheet, "Features"), so both copies stay where they are.
 //!
 //! ```text
 //! offset  bytes  content, little endian

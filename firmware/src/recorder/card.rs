@@ -18,6 +18,8 @@ const FAT16_CLUSTERS: u32 = 4085;
 const FAT32_CLUSTERS: u32 = 65_525;
 /// Numbers from here on mean something else than a cluster (specification, "FAT Data Structure").
 const MOST_CLUSTERS: u64 = 0x0FFF_FFF5;
+/// No directory is longer: 65 536 entries of 32 bytes (specification, "FAT Directory Structure").
+const DIRECTORY_BYTES: u32 = 65_536 * 32;
 
 /// Why a card cannot be written to. Each of these is cured by formatting it with FAT32 on a computer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -52,6 +54,9 @@ pub enum CardFormat {
         /// How many clusters it has.
         clusters: u32,
     },
+    /// The chain of the root directory's clusters bites its tail.
+    #[error("the card's root directory has no end; format the card with FAT32")]
+    EndlessDirectory,
 }
 
 /// Where on the card is what.
@@ -59,12 +64,16 @@ pub enum CardFormat {
 pub(crate) struct Layout {
     /// First sector of the first FAT.
     fat_start: u32,
+    /// Length of a FAT.
+    fat_sectors: u32,
     /// Bytes per entry of the FAT: 2 or 4.
     entry_bytes: u32,
     /// How many clusters there are.
     clusters: u32,
     /// Bytes per cluster.
     pub(crate) cluster_bytes: u32,
+    /// First cluster of the root directory, on FAT32.
+    root: Option<u32>,
     /// The sector with the count of free clusters, on FAT32.
     info_sector: Option<u32>,
     /// First sector behind the last cluster.
@@ -82,7 +91,11 @@ pub(crate) fn layout_of<D: BlockDevice>(device: &D) -> Result<Result<Layout, Car
     };
     device.read(&mut block, BlockIdx(start))?;
     let [boot] = &block;
-    Ok(layout_in(boot, start))
+    let layout = match layout_in(boot, start) {
+        Ok(layout) => layout,
+        Err(format) => return Ok(Err(format)),
+    };
+    Ok(if layout.directory_ends(device)? { Ok(layout) } else { Err(CardFormat::EndlessDirectory) })
 }
 
 fn partition_start(table: &Block) -> Result<u32, CardFormat> {
@@ -138,20 +151,22 @@ fn layout_in(boot: &Block, start: u32) -> Result<Layout, CardFormat> {
     let entry_bytes = if is_fat32 { 4 } else { 2 };
     let end = u64::from(start) + before_data + u64::from(clusters) * u64::from(cluster_sectors);
     let entries_bytes = u64::from(clusters + FIRST_CLUSTER) * u64::from(entry_bytes);
-    let root = u32_at(boot, 44);
+    let (root, info_sector) = (u32_at(boot, 44), u32::from(u16_at(boot, 48)));
     let is_sound = reserved > 0
         && u32::try_from(end).is_ok()
         && entries_bytes <= u64::from(fat_sectors) * u64::from(SECTOR_BYTES)
-        && (!is_fat32 || (FIRST_CLUSTER..clusters + FIRST_CLUSTER).contains(&root));
+        && (!is_fat32 || (FIRST_CLUSTER..clusters + FIRST_CLUSTER).contains(&root) && info_sector < reserved);
     if !is_sound {
         return Err(CardFormat::NoFat);
     }
     Ok(Layout {
         fat_start: start + reserved,
+        fat_sectors,
         entry_bytes,
         clusters,
         cluster_bytes: cluster_sectors * SECTOR_BYTES,
-        info_sector: is_fat32.then(|| start + u32::from(u16_at(boot, 48))),
+        root: is_fat32.then_some(root),
+        info_sector: is_fat32.then(|| start + info_sector),
         end: end as u32,
     })
 }
@@ -182,20 +197,12 @@ impl Layout {
         from: u32,
         wanted: u32,
     ) -> Result<(u32, u32), D::Error> {
-        let mut block = [Block::new()];
-        let mut loaded = None;
+        let mut fat = FatReader::new(self, device);
         let (mut free, mut first) = (0, FIRST_CLUSTER);
         let skipped = from.saturating_sub(FIRST_CLUSTER) % self.clusters;
         for step in 0..self.clusters {
             let cluster = FIRST_CLUSTER + (skipped + step) % self.clusters;
-            let offset = cluster * self.entry_bytes;
-            let sector = self.fat_start + offset / SECTOR_BYTES;
-            if loaded != Some(sector) {
-                device.read(&mut block, BlockIdx(sector))?;
-                loaded = Some(sector);
-            }
-            let [entries] = &block;
-            if self.entry_at(entries, (offset % SECTOR_BYTES) as usize) == 0 {
+            if fat.entry_of(cluster)? == 0 {
                 if free == 0 {
                     first = cluster;
                 }
@@ -208,37 +215,91 @@ impl Layout {
         Ok((free, first))
     }
 
-    fn entry_at(&self, entries: &Block, offset: usize) -> u32 {
-        // The upper four bits of a FAT32 entry are reserved.
-        if self.entry_bytes == 4 { u32_at(entries, offset) & 0x0FFF_FFFF } else { u32::from(u16_at(entries, offset)) }
+    /// Has the root directory an end? If its chain led back into itself, every search in it would go on for ever.
+    fn directory_ends<D: BlockDevice>(&self, device: &D) -> Result<bool, D::Error> {
+        let Some(mut cluster) = self.root else {
+            return Ok(true);
+        };
+        let mut fat = FatReader::new(self, device);
+        for _ in 0..=DIRECTORY_BYTES / self.cluster_bytes {
+            if !self.is_cluster(cluster) {
+                return Ok(true);
+            }
+            cluster = fat.entry_of(cluster)?;
+        }
+        Ok(false)
+    }
+
+    fn is_cluster(&self, entry: u32) -> bool {
+        (FIRST_CLUSTER..self.clusters + FIRST_CLUSTER).contains(&entry)
     }
 
     /// Corrects what `embedded-sdmmc` 0.10 would stumble over in a sector just read.
     ///
     /// Its search for a free cluster runs on to the end of the FAT's last sector, where entries belong to no cluster and
-    /// most programs leave zeros: it would put data behind the volume's end. They are shown as used. And it counts free
-    /// clusters down from the card's own figure, which may be anything and so fall below zero. It is shown as unknown, as
-    /// the specification allows; a computer then counts for itself.
+    /// most programs leave zeros: it would put data behind the volume's end. They are shown as used. It follows an entry
+    /// that leads to no cluster, such as a write that was torn leaves; that is shown as the end of its chain. And it counts
+    /// free clusters down from the card's own figure, which may be anything and so fall below zero. It is shown as
+    /// unknown, as the specification allows; a computer then counts for itself.
     pub(crate) fn amend(&self, sector: u32, block: &mut Block) {
-        let end = (self.clusters + FIRST_CLUSTER) * self.entry_bytes;
-        if !end.is_multiple_of(SECTOR_BYTES)
-            && sector == self.fat_start + end / SECTOR_BYTES
-            && let Some(tail) = block.get_mut((end % SECTOR_BYTES) as usize..)
-        {
-            for entry in tail.chunks_exact_mut(self.entry_bytes as usize) {
-                entry.fill(0xFF);
-                if let [.., top] = entry
-                    && self.entry_bytes == 4
-                {
-                    *top = 0x0F;
-                }
-            }
-        }
         if self.info_sector == Some(sector)
             && let Some(count) = block.get_mut(488..492)
         {
             count.fill(0xFF);
         }
+        let Some(before) = sector.checked_sub(self.fat_start).filter(|before| *before < self.fat_sectors) else {
+            return;
+        };
+        let first = before.saturating_mul(SECTOR_BYTES / self.entry_bytes);
+        for (cluster, entry) in (first..).zip(block.chunks_exact_mut(self.entry_bytes as usize)) {
+            let (value, bad, end): (_, _, &[u8]) = match *entry {
+                [b0, b1, b2, b3] => {
+                    (u32::from_le_bytes([b0, b1, b2, b3]) & 0x0FFF_FFFF, 0x0FFF_FFF7, &[0xFF, 0xFF, 0xFF, 0x0F])
+                }
+                [b0, b1] => (u32::from(u16::from_le_bytes([b0, b1])), 0xFFF7, &[0xFF, 0xFF]),
+                _ => continue,
+            };
+            if self.is_nonsense(cluster, value, bad) {
+                entry.copy_from_slice(end);
+            }
+        }
+    }
+
+    /// Is this entry one of no cluster, or does it lead to none? `bad` and larger values have meanings of their own.
+    fn is_nonsense(&self, cluster: u32, value: u32, bad: u32) -> bool {
+        let leads_nowhere = cluster >= FIRST_CLUSTER && value > 0 && value < bad && !self.is_cluster(value);
+        cluster >= self.clusters + FIRST_CLUSTER || leads_nowhere
+    }
+}
+
+/// Reads entries of the first FAT, each sector once while the entries lie in it.
+struct FatReader<'a, D> {
+    layout: &'a Layout,
+    device: &'a D,
+    block: [Block; 1],
+    loaded: Option<u32>,
+}
+
+impl<'a, D: BlockDevice> FatReader<'a, D> {
+    fn new(layout: &'a Layout, device: &'a D) -> Self {
+        Self { layout, device, block: [Block::new()], loaded: None }
+    }
+
+    fn entry_of(&mut self, cluster: u32) -> Result<u32, D::Error> {
+        let offset = cluster * self.layout.entry_bytes;
+        let sector = self.layout.fat_start + offset / SECTOR_BYTES;
+        if self.loaded != Some(sector) {
+            self.loaded = None;
+            self.device.read(&mut self.block, BlockIdx(sector))?;
+            self.loaded = Some(sector);
+        }
+        let [entries] = &self.block;
+        let place = (offset % SECTOR_BYTES) as usize;
+        Ok(match self.layout.entry_bytes {
+            // The upper four bits of a FAT32 entry are reserved.
+            4 => u32_at(entries, place) & 0x0FFF_FFFF,
+            _ => u32::from(u16_at(entries, place)),
+        })
     }
 }
 

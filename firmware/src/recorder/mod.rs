@@ -32,7 +32,7 @@ pub use guard::Refused;
 use card::SECTOR_BYTES;
 use file::ZeroedFile;
 
-/// Space left below which the file is extended ahead of need: minutes of log.
+/// Space left below which the file is extended ahead of need: a minute of log.
 const LOW_WATER_BYTES: u32 = 16 * 1024;
 
 /// Zeros written by one [`Recorder::make_room`]: 16 sectors take 10 to 30 ms on common cards.

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::{Place, StoreError, Stored};
 use crate::drivers::memory::Memory;
 
-/// The longest parameters (a chain of 24 vertices) take about 650 bytes.
+/// The longest parameters (a chain of 24 vertices) take about 530 bytes.
 const PARAMETERS: Place<Parameters, 1024> = Place { mark: *b"adPa", version: 1, address: 0, value: PhantomData };
 
 const FLIGHT: Place<FlightState, 64> = Place { mark: *b"adFl", version: 1, address: 0x0800, value: PhantomData };
