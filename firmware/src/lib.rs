@@ -15,6 +15,7 @@ pub mod hil;
 pub mod io;
 pub mod journal;
 mod limit;
+pub mod link;
 mod modes;
 mod moment;
 mod position;

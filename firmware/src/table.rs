@@ -1,11 +1,11 @@
 //! The speed law's bound over the places allowed in the section, computed once at the start.
 //!
-//! The exact bound costs far more than a control step may take. So it is computed on a grid of offsets, one node per step
+//! The exact bound costs far more than a control step may take. So it is computed on a grid of offsets, a piece per step
 //! while the board boots; a look-up takes the smallest step among the nodes around the position, as far as its uncertainty
 //! reaches.
 
 use adit_geometry::SectionVector;
-use adit_geometry::coverage::{Footprint, Scene, max_step};
+use adit_geometry::coverage::{Footprint, FootprintSurvey, Scene, max_step};
 use adit_geometry::profile::Profile;
 use adit_geometry::speed::paper_step;
 use adit_protocol::parameters::{Parameters, SpeedBound};
@@ -20,15 +20,28 @@ const SIGMAS: f32 = 2.0;
 #[derive(Clone, Debug)]
 pub struct StepTable {
     offset_max_m: f32,
-    footprint: Option<Footprint<f32>>,
+    view: View,
     steps_m: heapless::Vec<f32, { NODES * NODES }>,
+}
+
+/// What the camera sees, as far as it is known.
+#[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "no allocation on the board, which holds one at a time")]
+enum View {
+    /// Being found out.
+    Survey(FootprintSurvey<f32>),
+    /// Known.
+    Known(Footprint<f32>),
+    /// The camera does not see where the shaft points it.
+    None,
 }
 
 impl StepTable {
     /// An empty table for these parameters.
     pub(crate) fn new(parameters: &Parameters) -> Self {
         let offset_max_m = parameters.speed.offset_max_m;
-        Self { offset_max_m, footprint: None, steps_m: heapless::Vec::new() }
+        let view = FootprintSurvey::new(&parameters.camera, &parameters.rig, 0.0).map_or(View::None, View::Survey);
+        Self { offset_max_m, view, steps_m: heapless::Vec::new() }
     }
 
     /// Computes the whole table at once, for hosts that fly many times with the same parameters.
@@ -45,7 +58,7 @@ impl StepTable {
     #[cfg(test)]
     pub(crate) fn uniform(offset_max_m: f32, step_m: f32) -> Self {
         let steps_m = heapless::Vec::from_array([step_m; NODES * NODES]);
-        Self { offset_max_m, footprint: None, steps_m }
+        Self { offset_max_m, view: View::None, steps_m }
     }
 
     /// Whether every node has its step.
@@ -53,13 +66,20 @@ impl StepTable {
         self.steps_m.is_full()
     }
 
-    /// Computes one node; the camera's footprint with the first.
+    /// Computes a piece: of the camera's footprint first, then node by node.
     pub(crate) fn advance(&mut self, parameters: &Parameters, profile: Option<&Profile<f32>>) {
         let offset_m = self.node_m(self.steps_m.len());
-        if self.footprint.is_none() {
-            self.footprint = Footprint::of_camera(&parameters.camera, &parameters.rig, 0.0).ok();
-        }
-        let known = profile.zip(self.footprint.as_ref());
+        let footprint = match &mut self.view {
+            View::Survey(survey) => {
+                if let Some(footprint) = survey.advance() {
+                    self.view = View::Known(footprint);
+                }
+                return;
+            }
+            View::Known(footprint) => Some(&*footprint),
+            View::None => None,
+        };
+        let known = profile.zip(footprint);
         let step_m = known.and_then(|(profile, footprint)| bound_m(parameters, profile, footprint, offset_m));
         // A full table stays as it is.
         let _ = self.steps_m.push(step_m.filter(|step_m| step_m.is_finite()).unwrap_or(0.0).max(0.0));

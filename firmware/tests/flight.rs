@@ -363,7 +363,9 @@ fn assert_servo_pulse_is_within_limits(outputs: &Outputs, parameters: &Parameter
     let servo = &parameters.shaft.servo;
     if let Some(pulse_us) = outputs.servo_pulse_us {
         assert!(driven, "a pulse in mode {:?}", outputs.mode);
-        assert!((pulse_us - servo.neutral_us).abs() <= servo.full_us.abs() * 1.0001, "{pulse_us} us");
+        // The sum of the two is rounded.
+        let rounding_us = (servo.neutral_us.abs() + servo.full_us.abs()) * f32::EPSILON;
+        assert!((pulse_us - servo.neutral_us).abs() <= servo.full_us.abs() + rounding_us, "{pulse_us} us");
     } else {
         let is_number = (servo.neutral_us.abs() + servo.full_us.abs()).is_finite();
         assert!(!driven || !is_number, "no pulse in mode {:?}", outputs.mode);

@@ -5,6 +5,7 @@
 
 pub mod beams;
 pub mod log;
+pub mod mavlink;
 #[cfg(feature = "std")]
 pub mod mission;
 pub mod parameters;

@@ -1,6 +1,6 @@
 //! What one image sees, as seen from the shaft: the camera's field of view in section angle and advance.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::Real;
 use crate::camera::Camera;
@@ -58,30 +58,17 @@ impl<T: Real> Footprint<T> {
 
     /// The footprint of a real camera on its rig: distortion, `image_up` and mounting error included.
     ///
-    /// `margin_px` of the image's border are not counted. About 10,000 projections: once, not in a control loop.
+    /// `margin_px` of the image's border are not counted. About 10,000 projections; on the board a [`FootprintSurvey`] spreads them.
     ///
     /// # Errors
     /// [`FootprintError::AxisNotSeen`] if the viewing direction itself is not in the image.
     pub fn of_camera(camera: &Camera<T>, rig: &Rig<T>, margin_px: T) -> Result<Self, FootprintError> {
-        let cam_from_body = rig.body_from_cam(T::zero()).rotation.inverse();
-        let sees = |around_rad: T, along_rad: T| {
-            let (sin, cos) = around_rad.sin_cos();
-            let direction_in_body = Vector3::new(along_rad.tan(), sin, -cos);
-            let pixel = camera.project(&(cam_from_body * direction_in_body));
-            pixel.is_some_and(|pixel| camera.contains(&pixel, margin_px))
-        };
-        if !sees(T::zero(), T::zero()) {
-            return Err(FootprintError::AxisNotSeen);
+        let mut survey = FootprintSurvey::new(camera, rig, margin_px)?;
+        loop {
+            if let Some(footprint) = survey.advance() {
+                return Ok(footprint);
+            }
         }
-        let (step, most_around) = (T::of(COARSE_STEP_RAD), T::pi() * T::of(0.999));
-        let to_rad = last_true(step, most_around, |angle| sees(angle, T::zero()));
-        let from_rad = -last_true(step, most_around, |angle| sees(-angle, T::zero()));
-        Ok(Self::tabulate(from_rad, to_rad, |around_rad| {
-            let most_along = T::of(MAX_ALONG_RAD);
-            let forward = last_true(step, most_along, |angle| sees(around_rad, angle));
-            let backward = last_true(step, most_along, |angle| sees(around_rad, -angle));
-            [-backward.tan(), forward.tan()]
-        }))
     }
 
     /// Returns the angles around the section, against the viewing direction, between which the image sees.
@@ -120,19 +107,82 @@ impl<T: Real> Footprint<T> {
     }
 
     fn tabulate(from_rad: T, to_rad: T, slopes_at: impl Fn(T) -> [T; 2]) -> Self {
-        let cells = T::count(FOOTPRINT_SAMPLES as u32 - 1);
-        let slopes = core::array::from_fn(|i| {
-            // The ends are the image's border itself, where rounding would decide: a hair inside.
-            let share = (T::count(i as u32) / cells).max(T::of(1e-6)).min(T::one() - T::of(1e-6));
-            slopes_at(from_rad + (to_rad - from_rad) * share)
-        });
+        let slopes = core::array::from_fn(|index| slopes_at(sample_rad(from_rad, to_rad, index)));
         Self { from_rad, to_rad, slopes }
     }
 }
 
+/// Angle of an entry of the table.
+fn sample_rad<T: Real>(from_rad: T, to_rad: T, index: usize) -> T {
+    let cells = T::count(FOOTPRINT_SAMPLES as u32 - 1);
+    // The ends are the image's border itself, where rounding would decide: a hair inside.
+    let share = (T::count(index as u32) / cells).max(T::of(1e-6)).min(T::one() - T::of(1e-6));
+    from_rad + (to_rad - from_rad) * share
+}
+
+/// Entries that one [`FootprintSurvey::advance`] finds: 3 million instructions on the board.
+const SAMPLES_AT_ONCE: usize = 12;
+
+/// A footprint on its way: a piece at a time, for the board, where the whole takes a fifth of a second.
+#[derive(Clone, Debug)]
+pub struct FootprintSurvey<T: Real> {
+    camera: Camera<T>,
+    cam_from_body: UnitQuaternion<T>,
+    margin_px: T,
+    from_rad: T,
+    to_rad: T,
+    slopes: heapless::Vec<[T; 2], FOOTPRINT_SAMPLES>,
+}
+
+impl<T: Real> FootprintSurvey<T> {
+    /// Begins; arguments and errors as for [`Footprint::of_camera`].
+    ///
+    /// # Errors
+    /// [`FootprintError::AxisNotSeen`] if the viewing direction itself is not in the image.
+    pub fn new(camera: &Camera<T>, rig: &Rig<T>, margin_px: T) -> Result<Self, FootprintError> {
+        let mut survey = Self {
+            camera: *camera,
+            cam_from_body: rig.body_from_cam(T::zero()).rotation.inverse(),
+            margin_px,
+            from_rad: T::zero(),
+            to_rad: T::zero(),
+            slopes: heapless::Vec::new(),
+        };
+        if !survey.sees(T::zero(), T::zero()) {
+            return Err(FootprintError::AxisNotSeen);
+        }
+        let most_around = T::pi() * T::of(0.999);
+        survey.to_rad = last_true(most_around, |angle| survey.sees(angle, T::zero()));
+        survey.from_rad = -last_true(most_around, |angle| survey.sees(-angle, T::zero()));
+        Ok(survey)
+    }
+
+    /// Goes on by a few entries of the table; returns the footprint when it is complete.
+    pub fn advance(&mut self) -> Option<Footprint<T>> {
+        for _ in 0..SAMPLES_AT_ONCE {
+            let around_rad = sample_rad(self.from_rad, self.to_rad, self.slopes.len());
+            let most_along = T::of(MAX_ALONG_RAD);
+            let forward = last_true(most_along, |angle| self.sees(around_rad, angle));
+            let backward = last_true(most_along, |angle| self.sees(around_rad, -angle));
+            if self.slopes.push([-backward.tan(), forward.tan()]).is_err() {
+                break;
+            }
+        }
+        let slopes = self.slopes.as_slice().try_into().ok()?;
+        Some(Footprint { from_rad: self.from_rad, to_rad: self.to_rad, slopes })
+    }
+
+    fn sees(&self, around_rad: T, along_rad: T) -> bool {
+        let (sin, cos) = around_rad.sin_cos();
+        let direction_in_body = Vector3::new(along_rad.tan(), sin, -cos);
+        let pixel = self.camera.project(&(self.cam_from_body * direction_in_body));
+        pixel.is_some_and(|pixel| self.camera.contains(&pixel, self.margin_px))
+    }
+}
+
 /// The last angle up to which `holds` is true, walking up from zero where it is.
-fn last_true<T: Real>(step: T, most: T, holds: impl Fn(T) -> bool) -> T {
-    let mut low = T::zero();
+fn last_true<T: Real>(most: T, holds: impl Fn(T) -> bool) -> T {
+    let (mut low, step) = (T::zero(), T::of(COARSE_STEP_RAD));
     while low < most && holds(low + step) {
         low += step;
     }

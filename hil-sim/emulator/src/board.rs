@@ -7,7 +7,9 @@
 
 use std::path::Path;
 
+use adit_firmware::drivers::memory::Memory;
 use adit_firmware::io::{CentringStatus, Inputs, Outputs};
+use adit_firmware::store::{ParameterStore, StoreError};
 use adit_hil_sim::flight::Board;
 use adit_hil_sim::plant::vehicle::VehicleState;
 use adit_hil_sim::seed::{Random, Stream};
@@ -46,6 +48,9 @@ pub enum EmulatorError {
     /// The card.
     #[error(transparent)]
     Volume(#[from] VolumeError),
+    /// The parameters.
+    #[error("the FRAM does not take the parameters: {0:?}")]
+    Parameters(StoreError<OutOfRange>),
     /// The run.
     #[error(transparent)]
     Run(#[from] RunError),
@@ -64,7 +69,40 @@ pub struct Setup {
     pub seed: u64,
 }
 
+/// The FRAM's bytes before it is fitted.
+struct FramBytes(Vec<u8>);
+
+impl Memory for FramBytes {
+    type Error = OutOfRange;
+
+    fn read(&mut self, address: u16, bytes: &mut [u8]) -> Result<(), OutOfRange> {
+        let from = usize::from(address);
+        bytes.copy_from_slice(self.0.get(from..from + bytes.len()).ok_or(OutOfRange)?);
+        Ok(())
+    }
+
+    fn write(&mut self, address: u16, bytes: &[u8]) -> Result<(), OutOfRange> {
+        let from = usize::from(address);
+        self.0.get_mut(from..from + bytes.len()).ok_or(OutOfRange)?.copy_from_slice(bytes);
+        Ok(())
+    }
+}
+
+/// An address beyond the FRAM's end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutOfRange;
+
 impl Setup {
+    /// As [`Self::new`], with these parameters in the FRAM, as the board itself would have stored them.
+    ///
+    /// # Errors
+    /// [`EmulatorError::Volume`] if the card cannot be formatted, [`EmulatorError::Parameters`] if they do not fit.
+    pub fn with_parameters(seed: u64, parameters: &Parameters) -> Result<Self, EmulatorError> {
+        let mut fram = FramBytes(vec![0; FRAM_BYTES]);
+        ParameterStore::save(&mut fram, parameters).map_err(EmulatorError::Parameters)?;
+        Ok(Self { fram: fram.0, ..Self::new(seed)? })
+    }
+
     /// An empty FRAM, an empty formatted card, no faults.
     ///
     /// # Errors

@@ -15,7 +15,7 @@ use clap::{Args, Parser, Subcommand};
 /// Name and version of this program, for `flight.json`.
 const PROGRAM: &str = concat!("adit-emulator ", env!("CARGO_PKG_VERSION"));
 /// Where `cargo xtask flash --build-only` leaves the image.
-const IMAGE: &str = "target/thumbv7em-none-eabihf/flash/rotator";
+const IMAGE: &str = "target/image/rotator.elf";
 
 /// Flies the rotator board's flash image, on an emulated Pixracer, through a simulated tunnel.
 #[derive(Parser)]
@@ -95,7 +95,9 @@ fn run(arguments: &FlyArguments) -> Result<bool> {
     }
     prepare(&arguments.out, arguments.force)?;
 
-    let mut board = EmulatedBoard::new(image, &file.mission.parameters(), Setup::new(file.seed)?)?;
+    let parameters = file.mission.parameters();
+    let setup = Setup::with_parameters(file.seed, &parameters)?;
+    let mut board = EmulatedBoard::new(image, &parameters, setup)?;
     let mut flight = fly_board(&mut board, &file.mission, &file.simulation, file.seed)
         .with_context(|| format!("mission {}", file.path.display()))?;
     let board = board.finish()?;

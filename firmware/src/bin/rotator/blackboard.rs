@@ -15,6 +15,7 @@ use core::cell::RefCell;
 use adit_firmware::health::CheckIns;
 use adit_firmware::io::{Command, Outputs, RangeSample};
 use adit_firmware::journal::LogQueue;
+use adit_firmware::link::VehicleView;
 use adit_protocol::beams::Beams;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -33,20 +34,11 @@ pub(crate) struct Newest {
     /// Attitude of our own.
     pub(crate) attitude_rad: Option<[f32; 3]>,
     /// What the link knows.
-    pub(crate) vehicle: Vehicle,
+    pub(crate) vehicle: VehicleView,
     /// The next command of pilot or operator.
     pub(crate) command: Option<Command>,
     pub(crate) log_lost: bool,
     pub(crate) outputs: Outputs,
-}
-
-/// What the autopilot says.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Vehicle {
-    pub(crate) alive: bool,
-    pub(crate) attitude_rad: Option<[f32; 3]>,
-    pub(crate) odometer_m: Option<f32>,
-    pub(crate) speed_mps: Option<f32>,
 }
 
 static NEWEST: Mutex<CriticalSectionRawMutex, RefCell<Option<Newest>>> = Mutex::new(RefCell::new(None));

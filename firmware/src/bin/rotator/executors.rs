@@ -81,7 +81,7 @@ pub(crate) fn run(
     middle.spawn(tasks::supervisor::supervise(parts.watchdog, parts.leds).unwrap());
     middle.spawn(tasks::store::keep(parts.store).unwrap());
     middle.spawn(tasks::imu::watch(parts.imu).unwrap());
-    // LINK
+    middle.spawn(tasks::link::talk(parts.link, parameters.clone()).unwrap());
     middle.spawn(tasks::sensors::measure(parts.range_bus, parts.hub, parameters.ranges).unwrap());
     let above = ABOVE.start(interrupt::DCMI);
     above.spawn(tasks::control::control(controller, parts.rig).unwrap());

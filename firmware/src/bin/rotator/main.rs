@@ -17,7 +17,6 @@ mod tasks;
 
 use adit_firmware::controller::Controller;
 use adit_firmware::drivers::fram::Fram;
-use adit_protocol::parameters::Parameters;
 use adit_protocol::record::StartCause;
 use defmt_rtt as _;
 use static_cell::StaticCell;
@@ -40,8 +39,7 @@ pub(crate) struct Start {
 #[cortex_m_rt::entry]
 fn main() -> ! {
     stack::paint();
-    let start =
-        Start { cause: crash::start_cause(), note: crash::take_note(), clock: clocks::find_source() };
+    let start = Start { cause: crash::start_cause(), note: crash::take_note(), clock: clocks::find_source() };
     let board = Board::new(executors::init_clocks(start.clock));
     let watchdog = tasks::supervisor::unleash(board.watchdog);
     let mut store = tasks::store::Store::new(Fram::new(board.fram));

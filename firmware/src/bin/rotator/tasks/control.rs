@@ -3,8 +3,8 @@
 use adit_firmware::controller::Controller;
 use adit_firmware::health::Task;
 use adit_firmware::io::{CameraStatus, Inputs, Outputs};
-use embassy_stm32::timer::simple_pwm::SimplePwm;
 use embassy_stm32::timer::GeneralInstance4Channel;
+use embassy_stm32::timer::simple_pwm::SimplePwm;
 use embassy_time::{Duration, Instant, Timer};
 
 use crate::blackboard::{CHECK_INS, COUNTED, Counted, log, newest};
@@ -59,17 +59,19 @@ pub(crate) async fn control(controller: &'static mut Controller, mut rig: Rig) -
 
 /// What is known at this moment.
 fn gather(camera: CameraStatus) -> Inputs {
-    newest(|newest| Inputs {
-        ranges: newest.ranges,
-        head: newest.head,
-        shaft_encoder_rad: newest.encoder_rad,
-        attitude_rad: newest.vehicle.attitude_rad.or(newest.attitude_rad),
-        odometer_m: newest.vehicle.odometer_m,
-        speed_mps: newest.vehicle.speed_mps,
-        camera,
-        command: newest.command.take(),
-        autopilot_alive: newest.vehicle.alive,
-        log_lost: newest.log_lost,
+    newest(|newest| {
+        let mut inputs = Inputs {
+            ranges: newest.ranges,
+            head: newest.head,
+            shaft_encoder_rad: newest.encoder_rad,
+            camera,
+            command: newest.command.take(),
+            log_lost: newest.log_lost,
+            ..Inputs::default()
+        };
+        newest.vehicle.fill(&mut inputs);
+        inputs.attitude_rad = inputs.attitude_rad.or(newest.attitude_rad);
+        inputs
     })
 }
 

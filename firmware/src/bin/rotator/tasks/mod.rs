@@ -12,7 +12,7 @@
 
 pub(crate) mod control;
 pub(crate) mod imu;
-// LINK
+pub(crate) mod link;
 pub(crate) mod log;
 pub(crate) mod sensors;
 pub(crate) mod store;

@@ -57,11 +57,7 @@ pub(crate) async fn measure(mut parts: RangeBusParts, hub: HubParts, parameters:
             defmt::warn!("sensor bus is stuck: made anew");
         }
     };
-    if on_i2c {
-        i2c.await
-    } else {
-        join(i2c, listen(hub, parameters)).await.0
-    }
+    if on_i2c { i2c.await } else { join(i2c, listen(hub, parameters)).await.0 }
 }
 
 impl Rangers {
@@ -141,10 +137,7 @@ struct Exchanges<'a, 'd> {
 
 impl<'d> Exchanges<'_, 'd> {
     /// `None` if the device did not answer, or answered nonsense, or the exchange did not end.
-    async fn within<T, E>(
-        &mut self,
-        exchange: impl AsyncFnOnce(&mut Bus<'d>) -> Result<T, E>,
-    ) -> Option<T> {
+    async fn within<T, E>(&mut self, exchange: impl AsyncFnOnce(&mut Bus<'d>) -> Result<T, E>) -> Option<T> {
         drain();
         let ended = with_timeout(EXCHANGE, exchange(self.bus)).await;
         *self.unended = if ended.is_ok() { 0 } else { self.unended.saturating_add(1) };
@@ -203,11 +196,8 @@ async fn listen(parts: HubParts, parameters: RangeParameters) -> ! {
         RangeFamily::Evo => (HubKind::Evo, HUB_EVO_BAUD),
     };
     config.baudrate = baud;
-    let Ok(uart) = Uart::new(parts.uart, parts.rx, parts.tx, parts.tx_dma, parts.rx_dma, Irqs, config) else {
-        // Both rates are possible with these clocks; without the line the sensors are silent, which the controller says.
-        return core::future::pending().await;
-    };
-    let (mut tx, rx) = uart.split();
+    let uart = Uart::new(parts.uart, parts.rx, parts.tx, parts.tx_dma, parts.rx_dma, Irqs, config);
+    let (mut tx, rx) = uart.expect("both rates are possible with these clocks").split();
     let mut rx = rx.into_ring_buffered(HUB_RING.take());
     for command in kind.start_up() {
         let _ = tx.write(command).await;

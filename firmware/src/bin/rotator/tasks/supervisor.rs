@@ -38,7 +38,7 @@ pub(crate) async fn supervise(mut watchdog: IndependentWatchdog<'static, IWDG>, 
             crash::make_safe();
             crash::leave_note(format_args!("task {} silent for {silent_ms} ms", task.name()));
             loop {
-                cortex_m::asm::nop();
+                cortex_m::asm::wfe();
             }
         }
         watchdog.pet();
