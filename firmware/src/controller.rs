@@ -116,7 +116,10 @@ impl Controller {
         let now_us = self.now_us;
         let navigation = Navigation::from(inputs);
         self.shaft.observe(now_us, inputs.shaft_encoder_rad);
-        self.sense(inputs);
+        // While the tables are computed nothing is asked of the sensors yet.
+        if self.mode != Mode::Boot {
+            self.sense(inputs);
+        }
         self.decide(inputs);
         let moment = self.moment(&navigation);
         let mut surroundings = Surroundings {

@@ -15,7 +15,7 @@ mod footprint;
 mod resolution;
 mod step;
 
-pub use footprint::{FootprintSurvey, FOOTPRINT_SAMPLES, Footprint, FootprintError};
+pub use footprint::{FOOTPRINT_SAMPLES, Footprint, FootprintError, FootprintSurvey};
 pub use resolution::{Resolution, resolution};
 pub use step::{StepBound, max_step};
 

@@ -41,13 +41,14 @@ fn main() -> ! {
     stack::paint();
     let start = Start { cause: crash::start_cause(), note: crash::take_note(), clock: clocks::find_source() };
     let board = Board::new(executors::init_clocks(start.clock));
-    let watchdog = tasks::supervisor::unleash(board.watchdog);
+    let mut watchdog = tasks::supervisor::unleash(board.watchdog);
     let mut store = tasks::store::Store::new(Fram::new(board.fram));
     let (parameters, flight) = store.load();
     defmt::info!("{=str}: start {=u32}, last capture {=u32}", PROGRAM, flight.starts, flight.last_capture);
     announce(&start);
     let controller = Controller::new(parameters.clone()).continuing_after(flight.last_capture);
     let controller = CONTROLLER.init(controller);
+    tasks::control::boot(controller, &mut watchdog);
     executors::run(
         executors::Parts {
             rig: board.rig,

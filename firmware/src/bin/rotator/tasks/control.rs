@@ -3,8 +3,11 @@
 use adit_firmware::controller::Controller;
 use adit_firmware::health::Task;
 use adit_firmware::io::{CameraStatus, Inputs, Outputs};
+use adit_protocol::record::Mode;
+use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::timer::GeneralInstance4Channel;
 use embassy_stm32::timer::simple_pwm::SimplePwm;
+use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::{Duration, Instant, Timer};
 
 use crate::blackboard::{CHECK_INS, COUNTED, Counted, log, newest};
@@ -13,8 +16,8 @@ use crate::statistics::STEP;
 
 /// The tick.
 const TICK: Duration = Duration::from_millis(5);
-/// Left to the others even while a step takes longer than the tick, as computing the table does.
-const LEAST_PAUSE: Duration = Duration::from_millis(2);
+/// Left to the others even if a step should take longer than the tick.
+const LEAST_PAUSE: Duration = Duration::from_millis(1);
 
 /// Counts what the camera says over its wires.
 #[derive(Default)]
@@ -34,6 +37,19 @@ impl Camera {
     }
 }
 
+/// Lets the controller compute its tables, before anything else runs: a piece of them takes longer than any bus may wait.
+pub(crate) fn boot(controller: &mut Controller, watchdog: &mut IndependentWatchdog<'static, IWDG>) {
+    loop {
+        let outputs = controller.step(Instant::now().as_micros(), &Inputs::default());
+        let mode = outputs.mode;
+        publish(outputs);
+        watchdog.pet();
+        if mode != Mode::Boot {
+            return;
+        }
+    }
+}
+
 /// Runs the controller for ever.
 #[embassy_executor::task]
 pub(crate) async fn control(controller: &'static mut Controller, mut rig: Rig) -> ! {
@@ -44,7 +60,7 @@ pub(crate) async fn control(controller: &'static mut Controller, mut rig: Rig) -
         let inputs = gather(camera.look(&rig));
         let began = Instant::now();
         let outputs = controller.step(began.as_micros(), &inputs);
-        STEP.note(outputs.mode, began.elapsed());
+        STEP.note(began.elapsed());
         apply(&mut rig, &outputs);
         if last_capture.replace(outputs.display.captures) != Some(outputs.display.captures) {
             // A full channel: the next capture brings the next number.
@@ -76,7 +92,7 @@ fn gather(camera: CameraStatus) -> Inputs {
 }
 
 /// Sets the pins.
-fn apply(rig: &mut Rig, outputs: &Outputs) {
+pub(crate) fn apply(rig: &mut Rig, outputs: &Outputs) {
     // The safety switch forbids what moves or fires, whatever the controller wants.
     let allowed = rig.safety.is_low();
     match outputs.servo_pulse_us.filter(|_| allowed) {
@@ -109,7 +125,7 @@ fn set_duty<T: GeneralInstance4Channel>(timer: &mut SimplePwm<'static, T>, wire:
 }
 
 /// Hands the outputs on.
-fn publish(outputs: Outputs) {
+pub(crate) fn publish(outputs: Outputs) {
     log(|queue| outputs.entries.iter().for_each(|entry| queue.entry(*entry)));
     newest(|newest| newest.outputs = outputs);
 }

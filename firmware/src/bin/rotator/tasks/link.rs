@@ -39,7 +39,7 @@ pub(crate) async fn talk(mut parts: LinkParts, parameters: Parameters) -> ! {
         if stack_bytes.1.elapsed() >= STACK_PERIOD {
             stack_bytes = (stack::high_water_bytes(), Instant::now());
         }
-        exchange(&mut link, Diagnosis { step_us: STEP.flying_us(), stack_bytes: stack_bytes.0 });
+        exchange(&mut link, Diagnosis { step_us: STEP.us(), stack_bytes: stack_bytes.0 });
         CHECK_INS.report(Task::Link, now_us());
         while let Some(frame) = link.next_frame(now_us()) {
             // The line's faults show at the other end.

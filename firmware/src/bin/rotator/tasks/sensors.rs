@@ -21,7 +21,7 @@ use embassy_stm32::mode::Async;
 use embassy_stm32::pac;
 use embassy_stm32::time::khz;
 use embassy_stm32::usart::{self, Uart};
-use embassy_time::{Duration, Ticker, Timer, with_timeout};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use static_cell::ConstStaticCell;
 
 use crate::blackboard::{CHECK_INS, newest, now_us};
@@ -29,10 +29,14 @@ use crate::pins::{HubParts, Irqs, RangeBusParts};
 
 /// The encoder's period.
 const ROUND: Duration = Duration::from_millis(5);
+/// Between two rounds at least: a sensor's half millisecond, and as much again.
+const LEAST_PAUSE: Duration = Duration::from_millis(1);
 /// The longest exchange takes 0.2 ms at 400 kHz; a slave that stretches the clock this long holds the bus.
 const EXCHANGE: Duration = Duration::from_millis(2);
 /// Exchanges in a row that did not end, after which the bus is made anew.
 const UNENDED_TO_RESET: u8 = 2;
+/// Polls until a stop is over: it takes a byte's 23 us at most, and a poll some ten cycles.
+const STOP_POLLS: u32 = 1000;
 /// Half a period of the clock with which a stuck bus is freed: 100 kHz.
 const HALF_CLOCK: Duration = Duration::from_micros(5);
 
@@ -111,7 +115,7 @@ async fn free(parts: &mut RangeBusParts) {
 
 /// Rounds until the bus is sick.
 async fn rounds(bus: &mut Bus<'_>, rangers: &Rangers) {
-    let mut ticker = Ticker::every(ROUND);
+    let mut next = Instant::now();
     let mut unended: u8 = 0;
     for round in 0_u32.. {
         let mut exchanges = Exchanges { bus, unended: &mut unended };
@@ -125,7 +129,9 @@ async fn rounds(bus: &mut Bus<'_>, rangers: &Rangers) {
             return;
         }
         CHECK_INS.report(Task::Sensors, now_us());
-        ticker.next().await;
+        // A round that was late must not bring the next one close: sensors need their time between trigger and reading.
+        next = (next + ROUND).max(Instant::now() + LEAST_PAUSE);
+        Timer::at(next).await;
     }
 }
 
@@ -138,7 +144,7 @@ struct Exchanges<'a, 'd> {
 impl<'d> Exchanges<'_, 'd> {
     /// `None` if the device did not answer, or answered nonsense, or the exchange did not end.
     async fn within<T, E>(&mut self, exchange: impl AsyncFnOnce(&mut Bus<'d>) -> Result<T, E>) -> Option<T> {
-        drain();
+        make_ready();
         let ended = with_timeout(EXCHANGE, exchange(self.bus)).await;
         *self.unended = if ended.is_ok() { 0 } else { self.unended.saturating_add(1) };
         ended.ok()?.ok()
@@ -164,8 +170,16 @@ impl<'d> Exchanges<'_, 'd> {
     }
 }
 
-/// A byte that the peripheral clocked in beyond the last read must not begin the next one.
-fn drain() {
+/// Makes the peripheral ready for the next exchange.
+fn make_ready() {
+    // While a stop is on its way nobody may write the register that asks for the next start (RM0090 rev 21, 27.6.1), which
+    // the driver does not wait for.
+    for _ in 0..STOP_POLLS {
+        if !pac::I2C1.cr1().read().stop() {
+            break;
+        }
+    }
+    // A byte that was clocked in beyond the last read must not begin the next one.
     if pac::I2C1.sr1().read().rxne() {
         let _ = pac::I2C1.dr().read();
     }

@@ -50,7 +50,7 @@ async fn reply(question: Question, controller: &mut Controller, rig: &mut Rig, t
         Question::Step { now_us, inputs } => {
             let began = Instant::now();
             let outputs = controller.step(now_us, &inputs);
-            STEP.note(outputs.mode, began.elapsed());
+            STEP.note(began.elapsed());
             apply(rig, &outputs);
             publish(outputs.clone());
             Answer::Done { now_us, outputs }
