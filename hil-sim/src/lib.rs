@@ -13,5 +13,6 @@ pub mod render;
 pub mod scene;
 pub mod seed;
 pub mod sensors;
+pub mod serial_board;
 pub mod tunnel;
 pub mod world;

@@ -8,7 +8,8 @@ use std::process::ExitCode;
 use adit_hil_sim::card::log_bytes;
 use adit_hil_sim::check::Report;
 use adit_hil_sim::command::{Left, MissionFile, figures_text, prepare};
-use adit_hil_sim::flight::fly;
+use adit_hil_sim::flight::{FlightError, fly, fly_board};
+use adit_hil_sim::serial_board::SerialBoard;
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 
@@ -39,6 +40,9 @@ struct FlyArguments {
     /// Seed of everything that happens by chance; default: the mission's, else 1.
     #[arg(long)]
     seed: Option<u64>,
+    /// Fly a real board at this serial port instead of the library; it must run the image of `cargo xtask flash --hil`.
+    #[arg(long, value_name = "PORT")]
+    board: Option<String>,
     /// Leave out photos and the true texture.
     #[arg(long)]
     no_photos: bool,
@@ -73,8 +77,13 @@ fn run(arguments: &FlyArguments) -> Result<Report> {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start threads")?;
     }
 
-    let flight =
-        fly(&file.mission, &file.simulation, file.seed).with_context(|| format!("mission {}", file.path.display()))?;
+    let flight = match &arguments.board {
+        None => fly(&file.mission, &file.simulation, file.seed),
+        Some(port) => SerialBoard::open(port, &file.mission.parameters())
+            .map_err(FlightError::from)
+            .and_then(|mut board| fly_board(&mut board, &file.mission, &file.simulation, file.seed)),
+    };
+    let flight = flight.with_context(|| format!("mission {}", file.path.display()))?;
     let log = log_bytes(&flight).context("board.log")?;
     let report = file.check(&flight, &log)?;
     let photos = !arguments.no_photos;

@@ -27,7 +27,7 @@ const AFTER_POWER_LOSS_S: f64 = 3.0;
 /// The vehicle's half width: nearer to the lining than this it has struck it.
 const VEHICLE_HALF_WIDTH_M: f64 = 0.25;
 
-/// Whatever runs the board's logic: the library, or later a flash image or a real board.
+/// Whatever runs the board's logic: the library, a flash image on an emulated chip, or a real board.
 pub trait Board {
     /// Feels how the vehicle moves, as inertial units on the board do; comes before the step of the same moment.
     fn feel(&mut self, now_us: u64, vehicle: &VehicleState) {
@@ -35,13 +35,46 @@ pub trait Board {
     }
 
     /// Takes the inputs of this moment and returns what shall be done. `now_us` since the board's start.
-    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs;
+    ///
+    /// # Errors
+    /// [`BoardError`] if the board is gone; the flight is then over.
+    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Result<Outputs, BoardError>;
 }
 
 impl Board for Controller {
-    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs {
-        Self::step(self, now_us, inputs)
+    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Result<Outputs, BoardError> {
+        Ok(Self::step(self, now_us, inputs))
     }
+}
+
+/// Why a board that is no library cannot fly.
+#[derive(Debug, thiserror::Error)]
+pub enum BoardError {
+    /// The port cannot be opened.
+    #[error("cannot open serial port {port}: {source}; ports here: {known}")]
+    Open {
+        /// Which.
+        port: String,
+        /// Why.
+        source: serialport::Error,
+        /// Those that there are.
+        known: String,
+    },
+    /// The line broke.
+    #[error("the serial line to the board broke: {0}")]
+    Line(#[source] std::io::Error),
+    /// Nothing answers.
+    #[error(
+        "no answer from the board for {seconds} s; does it run the image of `cargo xtask flash --hil`, and is the line on \
+         TELEM2?"
+    )]
+    Silent {
+        /// How long.
+        seconds: f64,
+    },
+    /// The board understood other parameters than it was given, or they do not fit a message.
+    #[error("the board does not take the mission's parameters; its image may be of another version")]
+    Parameters,
 }
 
 /// How a flight ended.
@@ -111,9 +144,12 @@ pub fn fly(mission: &Mission, simulation: &Simulation, seed: u64) -> Result<Flig
     fly_board(&mut controller, mission, simulation, seed)
 }
 
-/// Why a flight could not begin.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+/// Why there was no flight, or no end of it.
+#[derive(Debug, thiserror::Error)]
 pub enum FlightError {
+    /// The board.
+    #[error(transparent)]
+    Board(#[from] BoardError),
     /// The profile cannot be built.
     #[error("tunnel: {0}")]
     Profile(#[from] adit_geometry::profile::ProfileError),
@@ -156,7 +192,7 @@ pub fn fly_board(
         }
         let now_us = (world.now_s() * 1e6).round() as u64;
         board.feel(now_us, world.vehicle());
-        let outputs = board.step(now_us, &inputs);
+        let outputs = board.step(now_us, &inputs)?;
         flight.note(&world, &outputs);
         let action = match pilot.decide(world.now_s(), outputs.mode, world.vehicle().position_m.x) {
             Ok(action) => action,

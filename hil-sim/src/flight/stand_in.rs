@@ -4,7 +4,7 @@ use adit_firmware::io::{Command, Inputs, Outputs};
 use adit_geometry::angles::wrap_half_turn;
 use adit_protocol::record::Mode;
 
-use super::Board;
+use super::{Board, BoardError};
 
 /// Two metres of pipe.
 pub(crate) const MISSION: &str = r#"
@@ -40,7 +40,7 @@ pub(crate) struct Metronome {
 }
 
 impl Board for Metronome {
-    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs {
+    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Result<Outputs, BoardError> {
         self.mode = match (self.mode, inputs.command) {
             (Mode::Boot, _) => Mode::Idle,
             (Mode::Idle, Some(Command::Arm)) | (Mode::Scanning, Some(Command::Stop)) => Mode::Ready,
@@ -50,13 +50,13 @@ impl Board for Metronome {
         let scanning = self.mode == Mode::Scanning;
         let shaft_setpoint_rad = (now_us / 1_000_000) as f32 * 36_f32.to_radians();
         let away_rad = inputs.shaft_encoder_rad.map_or(0.0, |angle_rad| wrap_half_turn(shaft_setpoint_rad - angle_rad));
-        Outputs {
+        Ok(Outputs {
             mode: self.mode,
             shaft_setpoint_rad,
             servo_pulse_us: Some(1500.0 + (PULSE_US_PER_RAD * away_rad).clamp(-500.0, 500.0)),
             shutter: scanning && now_us % 1_000_000 > 600_000 && now_us % 1_000_000 < 700_000,
             speed_limit_mps: scanning.then_some(self.limit_mps),
             ..Outputs::default()
-        }
+        })
     }
 }

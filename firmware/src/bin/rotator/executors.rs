@@ -12,6 +12,8 @@ use static_cell::StaticCell;
 
 use crate::Start;
 use crate::clocks::{self, ClockSource};
+#[cfg(not(feature = "hil"))]
+use crate::pins::CameraPins;
 #[cfg(feature = "hil")]
 use crate::pins::SimulatorParts;
 use crate::pins::{CardParts, Held, HubParts, ImuSpi, Leds, LinkParts, RangeBusParts, Rig};
@@ -39,6 +41,8 @@ unsafe fn CAN2_SCE() {
 /// Everything that the tasks are made from.
 pub(crate) struct Parts {
     pub(crate) rig: Rig,
+    #[cfg(not(feature = "hil"))]
+    pub(crate) camera: CameraPins,
     pub(crate) range_bus: RangeBusParts,
     pub(crate) hub: HubParts,
     pub(crate) link: LinkParts,
@@ -84,7 +88,10 @@ pub(crate) fn run(
     middle.spawn(tasks::link::talk(parts.link, parameters.clone()).unwrap());
     middle.spawn(tasks::sensors::measure(parts.range_bus, parts.hub, parameters.ranges).unwrap());
     let above = ABOVE.start(interrupt::DCMI);
-    above.spawn(tasks::control::control(controller, parts.rig).unwrap());
+    #[cfg(not(feature = "hil"))]
+    above.spawn(tasks::control::control(controller, parts.rig, parts.camera).unwrap());
+    #[cfg(feature = "hil")]
+    above.spawn(tasks::simulated::answer(parts.simulator, controller, parts.rig).unwrap());
     let below = BELOW.init(Executor::new());
     below.run(|spawner| {
         spawner.spawn(tasks::log::write(parts.card, header, start, log_number, parts.held).unwrap());

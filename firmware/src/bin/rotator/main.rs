@@ -4,6 +4,7 @@
 #![no_std]
 #![no_main]
 
+mod actuators;
 mod blackboard;
 mod card;
 mod clocks;
@@ -48,10 +49,12 @@ fn main() -> ! {
     announce(&start);
     let controller = Controller::new(parameters.clone()).continuing_after(flight.last_capture);
     let controller = CONTROLLER.init(controller);
-    tasks::control::boot(controller, &mut watchdog);
+    actuators::boot(controller, &mut watchdog);
     executors::run(
         executors::Parts {
             rig: board.rig,
+            #[cfg(not(feature = "hil"))]
+            camera: board.camera,
             range_bus: board.range_bus,
             hub: board.hub,
             link: board.link,

@@ -71,14 +71,19 @@ pub(crate) type ImuSpi = ExclusiveDevice<spi::Spi<'static, mode::Async, spi::mod
 /// The parameter memory behind its chip select.
 pub(crate) type FramSpi = ExclusiveDevice<spi::Spi<'static, mode::Blocking, spi::mode::Master>, Output<'static>, Delay>;
 
-/// What the control task moves, fires and watches.
+/// What the controller moves, lights and fires, and the switch that forbids it.
 pub(crate) struct Rig {
     pub(crate) servo: SimplePwm<'static, TIM1>,
     pub(crate) light: SimplePwm<'static, TIM4>,
     pub(crate) shutter: Output<'static>,
-    pub(crate) camera_busy: Input<'static>,
-    pub(crate) photo_stored: Input<'static>,
     pub(crate) safety: Input<'static>,
+}
+
+/// What the camera says.
+#[cfg(not(feature = "hil"))]
+pub(crate) struct CameraPins {
+    pub(crate) busy: Input<'static>,
+    pub(crate) photo_stored: Input<'static>,
 }
 
 /// The parts of the sensors' bus, from which it is made anew when it is stuck.
@@ -145,6 +150,8 @@ pub(crate) struct Held {
 /// The board, taken apart.
 pub(crate) struct Board {
     pub(crate) rig: Rig,
+    #[cfg(not(feature = "hil"))]
+    pub(crate) camera: CameraPins,
     pub(crate) range_bus: RangeBusParts,
     pub(crate) hub: HubParts,
     pub(crate) link: LinkParts,
@@ -193,10 +200,10 @@ impl Board {
                     CountingMode::EdgeAlignedUp,
                 ),
                 shutter: Output::new(p.PD14, Level::Low, Speed::Low),
-                camera_busy: Input::new(p.PE11, Pull::Down),
-                photo_stored: Input::new(p.PE9, Pull::Down),
                 safety: Input::new(p.PC4, Pull::Down),
             },
+            #[cfg(not(feature = "hil"))]
+            camera: CameraPins { busy: Input::new(p.PE11, Pull::Down), photo_stored: Input::new(p.PE9, Pull::Down) },
             range_bus: RangeBusParts { i2c: p.I2C1, scl: p.PB8, sda: p.PB9, tx_dma: p.DMA1_CH7, rx_dma: p.DMA1_CH0 },
             hub: HubParts { uart: p.UART4, tx: p.PA0, rx: p.PA1, tx_dma: p.DMA1_CH4, rx_dma: p.DMA1_CH2 },
             link: LinkParts { uart: p.USART2, tx: p.PD5, rx: p.PD6, tx_dma: p.DMA1_CH6, rx_dma: p.DMA1_CH5 },

@@ -2,16 +2,12 @@
 
 use adit_firmware::controller::Controller;
 use adit_firmware::health::Task;
-use adit_firmware::io::{CameraStatus, Inputs, Outputs};
-use adit_protocol::record::Mode;
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::timer::GeneralInstance4Channel;
-use embassy_stm32::timer::simple_pwm::SimplePwm;
-use embassy_stm32::wdg::IndependentWatchdog;
+use adit_firmware::io::{CameraStatus, Inputs};
 use embassy_time::{Duration, Instant, Timer};
 
-use crate::blackboard::{CHECK_INS, COUNTED, Counted, log, newest};
-use crate::pins::{Rig, SERVO_HZ};
+use crate::actuators::{apply, publish};
+use crate::blackboard::{CHECK_INS, newest};
+use crate::pins::{CameraPins, Rig};
 use crate::statistics::STEP;
 
 /// The tick.
@@ -20,52 +16,34 @@ const TICK: Duration = Duration::from_millis(5);
 const LEAST_PAUSE: Duration = Duration::from_millis(1);
 
 /// Counts what the camera says over its wires.
-#[derive(Default)]
 struct Camera {
+    pins: CameraPins,
     stored_was_high: bool,
     photos_stored: u32,
 }
 
 impl Camera {
-    fn look(&mut self, rig: &Rig) -> CameraStatus {
-        let stored = rig.photo_stored.is_high();
+    fn look(&mut self) -> CameraStatus {
+        let stored = self.pins.photo_stored.is_high();
         if stored && !self.stored_was_high {
             self.photos_stored = self.photos_stored.wrapping_add(1);
         }
         self.stored_was_high = stored;
-        CameraStatus { busy: rig.camera_busy.is_high(), photos_stored: self.photos_stored }
-    }
-}
-
-/// Lets the controller compute its tables, before anything else runs: a piece of them takes longer than any bus may wait.
-pub(crate) fn boot(controller: &mut Controller, watchdog: &mut IndependentWatchdog<'static, IWDG>) {
-    loop {
-        let outputs = controller.step(Instant::now().as_micros(), &Inputs::default());
-        let mode = outputs.mode;
-        publish(outputs);
-        watchdog.pet();
-        if mode != Mode::Boot {
-            return;
-        }
+        CameraStatus { busy: self.pins.busy.is_high(), photos_stored: self.photos_stored }
     }
 }
 
 /// Runs the controller for ever.
 #[embassy_executor::task]
-pub(crate) async fn control(controller: &'static mut Controller, mut rig: Rig) -> ! {
-    let mut camera = Camera::default();
-    let mut last_capture = None;
+pub(crate) async fn control(controller: &'static mut Controller, mut rig: Rig, pins: CameraPins) -> ! {
+    let mut camera = Camera { pins, stored_was_high: false, photos_stored: 0 };
     let mut next = Instant::now();
     loop {
-        let inputs = gather(camera.look(&rig));
+        let inputs = gather(camera.look());
         let began = Instant::now();
         let outputs = controller.step(began.as_micros(), &inputs);
         STEP.note(began.elapsed());
         apply(&mut rig, &outputs);
-        if last_capture.replace(outputs.display.captures) != Some(outputs.display.captures) {
-            // A full channel: the next capture brings the next number.
-            let _ = COUNTED.try_send(Counted::Capture(outputs.display.captures));
-        }
         publish(outputs);
         CHECK_INS.report(Task::Control, began.as_micros());
         next = (next + TICK).max(Instant::now() + LEAST_PAUSE);
@@ -89,43 +67,4 @@ fn gather(camera: CameraStatus) -> Inputs {
         inputs.attitude_rad = inputs.attitude_rad.or(newest.attitude_rad);
         inputs
     })
-}
-
-/// Sets the pins.
-pub(crate) fn apply(rig: &mut Rig, outputs: &Outputs) {
-    // The safety switch forbids what moves or fires, whatever the controller wants.
-    let allowed = rig.safety.is_low();
-    match outputs.servo_pulse_us.filter(|_| allowed) {
-        Some(pulse_us) => {
-            let period_us = 1e6 / SERVO_HZ as f32;
-            set_duty(&mut rig.servo, Wire::Servo, pulse_us / period_us);
-        }
-        None => rig.servo.ch4().disable(),
-    }
-    set_duty(&mut rig.light, Wire::Light, outputs.light_level);
-    rig.shutter.set_level((allowed && outputs.shutter).into());
-}
-
-#[derive(Clone, Copy)]
-enum Wire {
-    Servo,
-    Light,
-}
-
-/// Sets the share of the period in which the wire is high.
-fn set_duty<T: GeneralInstance4Channel>(timer: &mut SimplePwm<'static, T>, wire: Wire, share: f32) {
-    let mut channel = match wire {
-        Wire::Servo => timer.ch4(),
-        Wire::Light => timer.ch2(),
-    };
-    let most = channel.max_duty_cycle();
-    // The cast saturates, and takes NaN for zero.
-    channel.set_duty_cycle(((share * most as f32 + 0.5) as u32).min(most));
-    channel.enable();
-}
-
-/// Hands the outputs on.
-pub(crate) fn publish(outputs: Outputs) {
-    log(|queue| outputs.entries.iter().for_each(|entry| queue.entry(*entry)));
-    newest(|newest| newest.outputs = outputs);
 }

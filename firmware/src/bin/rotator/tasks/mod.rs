@@ -10,10 +10,13 @@
 //! Control is above the others, so that no bus and no card delays shaft and shutter. The log waits for its card in thread
 //! mode, where everybody may interrupt it. Deadlines: [`adit_firmware::health`].
 
+#[cfg(not(feature = "hil"))]
 pub(crate) mod control;
 pub(crate) mod imu;
 pub(crate) mod link;
 pub(crate) mod log;
 pub(crate) mod sensors;
+#[cfg(feature = "hil")]
+pub(crate) mod simulated;
 pub(crate) mod store;
 pub(crate) mod supervisor;

@@ -9,10 +9,10 @@ use embassy_stm32::usart::{self, Uart, UartTx};
 use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::ConstStaticCell;
 
+use crate::actuators::{apply, publish};
 use crate::blackboard::{CHECK_INS, now_us};
 use crate::pins::{Irqs, Rig, SimulatorParts};
 use crate::statistics::STEP;
-use crate::tasks::control::{apply, publish};
 
 /// It reports at least this often.
 const PERIOD: Duration = Duration::from_millis(20);
