@@ -11,6 +11,7 @@ mod faults;
 mod hub;
 mod log;
 mod machine;
+mod mend;
 mod report;
 mod run;
 mod vehicle_link;

@@ -122,6 +122,11 @@ impl SdCard {
         if self.state == State::Programming && now_ns >= self.programmed_ns {
             self.state = State::Transfer;
         }
+        // A single block goes out whether or not anyone takes it.
+        if self.state == State::Sending && self.streaming.is_none_or(|(_, multiple)| !multiple) {
+            self.streaming = None;
+            self.state = State::Transfer;
+        }
         let application = std::mem::take(&mut self.application);
         if application && let Some(answer) = self.answer_application(index) {
             return answer;
