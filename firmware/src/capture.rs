@@ -16,7 +16,7 @@ use adit_protocol::record::{Entry, EventKind, Failure, MissReason, TagUpdate};
 use adit_protocol::tag::{CaptureState, TagFlags};
 
 use crate::io::CameraStatus;
-use crate::journal::Journal;
+use crate::journal::StepJournal;
 use crate::limit::SpeedLimiter;
 use crate::moment::Moment;
 use crate::shaft::{Shaft, Turn};
@@ -58,7 +58,7 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) camera: CameraStatus,
     pub(crate) shaft: &'a mut Shaft,
     pub(crate) limiter: &'a mut SpeedLimiter,
-    pub(crate) journal: &'a mut Journal,
+    pub(crate) journal: &'a mut StepJournal,
 }
 
 /// Takes the photos.

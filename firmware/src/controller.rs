@@ -11,7 +11,7 @@ use adit_protocol::tag::TagFlags;
 
 use crate::capture::{Sequencer, Surroundings};
 use crate::io::{Display, Inputs, Outputs};
-use crate::journal::Journal;
+use crate::journal::StepJournal;
 use crate::limit::{Limit, SpeedLimiter};
 use crate::modes::{self, Circumstances, Test};
 use crate::moment::Moment;
@@ -42,7 +42,7 @@ pub struct Controller {
     sequencer: Sequencer,
     limiter: SpeedLimiter,
     self_test: SelfTest,
-    journal: Journal,
+    journal: StepJournal,
     watched: Watched,
     limit: Option<Limit>,
     sampled_us: Option<u64>,
@@ -88,7 +88,7 @@ impl Controller {
             sequencer: Sequencer::new(parameters.shutter, parameters.shaft.late_turns_to_fault, 0),
             limiter: SpeedLimiter::new(parameters.speed, images_per_turn),
             self_test: SelfTest::default(),
-            journal: Journal::default(),
+            journal: StepJournal::new(),
             watched: Watched::default(),
             limit: None,
             sampled_us: None,
@@ -302,7 +302,17 @@ impl Controller {
         }
     }
 
+    /// Turns the shaft, or lets it go.
+    fn drive_shaft(&mut self) -> Option<f32> {
+        if modes::drives_shaft(self.mode) {
+            return self.shaft.drive(self.now_us);
+        }
+        self.shaft.release();
+        None
+    }
+
     fn outputs(&mut self, navigation: &Navigation) -> Outputs {
+        let servo_pulse_us = self.drive_shaft();
         // In Fault the vehicle shall stand until the pilot has seen it.
         let speed_limit_mps = match self.mode {
             Mode::Fault => Some(0.0),
@@ -311,7 +321,7 @@ impl Controller {
         Outputs {
             mode: self.mode,
             shaft_setpoint_rad: self.shaft.setpoint_rad(),
-            servo_pulse_us: None,
+            servo_pulse_us,
             shutter: self.sequencer.shutter(self.now_us),
             light_level: self.sequencer.light_level(),
             speed_limit_mps,

@@ -3,12 +3,13 @@
 use adit_protocol::beams::Beams;
 use adit_protocol::parameters::RangeFamily;
 use adit_protocol::record::{Entry, Mode};
+use serde::{Deserialize, Serialize};
 
 /// The most log entries that one step hands out; what does not fit waits for the next step.
 pub const MAX_ENTRIES: usize = 8;
 
 /// What a range sensor said, decoded per family. "Cannot measure" is never "far".
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum RangeReading {
     /// A distance in metres.
     Measured(f32),
@@ -56,17 +57,17 @@ impl RangeReading {
     pub fn to_raw(self, family: RangeFamily) -> u16 {
         match (family, self) {
             (_, Self::Measured(range_m)) => (range_m * 1000.0 + 0.5) as u16,
-            (RangeFamily::Evo, Self::TooClose | Self::Disconnected) => 0,
             (RangeFamily::Evo, Self::CannotMeasure) => 1,
             (RangeFamily::Evo, Self::TooFar) | (RangeFamily::OneHub, Self::Disconnected) => 0xFFFF,
-            (RangeFamily::One, _) | (RangeFamily::OneHub, Self::TooFar | Self::CannotMeasure) => 0,
             (RangeFamily::OneHub, Self::TooClose) => 200,
+            // Too close on an Evo, any error on a One, too far on a Hub.
+            _ => 0,
         }
     }
 }
 
 /// The latest sample of a range sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RangeSample {
     /// What it said.
     pub reading: RangeReading,
@@ -75,7 +76,7 @@ pub struct RangeSample {
 }
 
 /// What is known of the camera, as far as it is wired.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CameraStatus {
     /// Level of the busy line: true while the camera is busy.
     pub busy: bool,
@@ -84,7 +85,7 @@ pub struct CameraStatus {
 }
 
 /// What pilot or operator want.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
     /// From Idle: run the self-test and become Ready.
     Arm,
@@ -97,7 +98,7 @@ pub enum Command {
 }
 
 /// Everything the controller sees in one step.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inputs {
     /// The four body-fixed range sensors.
     pub ranges: Beams<RangeSample>,
@@ -122,7 +123,7 @@ pub struct Inputs {
 }
 
 /// Where the vehicle is in the section.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CentringStatus {
     /// Position `[y, z]` in the section.
     pub offset_m: [f32; 2],
@@ -133,7 +134,7 @@ pub struct CentringStatus {
 }
 
 /// Figures for the pilot's display and for telemetry.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Display {
     /// Captures commanded so far.
     pub captures: u32,
@@ -152,7 +153,7 @@ pub struct Display {
 }
 
 /// Everything the controller wants done after one step. Levels hold until the next step.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outputs {
     /// The mode.
     pub mode: Mode,

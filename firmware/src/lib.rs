@@ -6,16 +6,23 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod attitude;
 mod capture;
 pub mod controller;
+pub mod drivers;
+pub mod health;
+pub mod hil;
 pub mod io;
-mod journal;
+pub mod journal;
 mod limit;
 mod modes;
 mod moment;
 mod position;
 mod ranges;
+pub mod recorder;
 mod self_test;
+mod servo;
 mod shaft;
+pub mod store;
 pub mod table;
 mod time;

@@ -56,6 +56,11 @@ pub(crate) fn is_scan(mode: Mode) -> bool {
     matches!(mode, Mode::Scanning | Mode::Degraded)
 }
 
+/// Whether the servo is driven in this mode. Elsewhere a hand must be able to turn the shaft, and a fault must not grind on.
+pub(crate) fn drives_shaft(mode: Mode) -> bool {
+    matches!(mode, Mode::SelfTest | Mode::Ready | Mode::Scanning | Mode::Degraded)
+}
+
 /// Returns the next mode, and the failure that led to Fault.
 pub(crate) fn next(mode: Mode, around: Circumstances) -> (Mode, Option<Failure>) {
     let scan = if around.impaired { Mode::Degraded } else { Mode::Scanning };

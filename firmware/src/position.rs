@@ -1,10 +1,11 @@
 //! Where the vehicle is in the section: the range monitors' beams through [`adit_geometry::centring`].
 //!
 //! The downward beam takes no part; expected minus measured is the level of water or sludge. A position is held for a
-//! moment when the beams stop giving one, then it is lost.
+//! moment when the beams stop giving one, then it is lost. Where the last place does not explain the beams, the whole section
+//! is searched, a piece in each step, so that no step takes long; the position is then some 25 steps old.
 
 use adit_geometry::SectionVector;
-use adit_geometry::centring::general::{Beam as SolverBeam, Fix, expected_range_m, locate};
+use adit_geometry::centring::general::{Beam as SolverBeam, Centring, Fix, Search, expected_range_m, locate_near};
 use adit_geometry::profile::Profile;
 use adit_geometry::rig::attitude;
 use adit_protocol::beams::{Beam, Beams};
@@ -28,12 +29,21 @@ pub(crate) struct Position {
     monitors: Beams<RangeMonitor>,
     head: RangeMonitor,
     fix: Option<(CentringStatus, u64)>,
+    /// A search of the whole section, and when its beams were measured.
+    search: Option<(Search<f32>, u64)>,
     water_level_m: Option<f32>,
 }
 
 impl Position {
     pub(crate) fn new(parameters: RangeParameters) -> Self {
-        Self { parameters, monitors: Beams::default(), head: RangeMonitor::default(), fix: None, water_level_m: None }
+        Self {
+            parameters,
+            monitors: Beams::default(),
+            head: RangeMonitor::default(),
+            fix: None,
+            search: None,
+            water_level_m: None,
+        }
     }
 
     /// The position, if it is known.
@@ -91,9 +101,7 @@ impl Position {
         let [roll, pitch, yaw] = attitude_rad.unwrap_or_default();
         let tunnel_from_body = attitude(roll, pitch, yaw);
         if let Some(profile) = profile {
-            if SOLVER_BEAMS.iter().any(|beam| self.monitors.get(*beam).is_fresh()) {
-                self.solve(now_us, profile, &tunnel_from_body);
-            }
+            self.locate(now_us, profile, &tunnel_from_body);
             if self.monitors.down.is_fresh() {
                 self.measure_water(profile, &tunnel_from_body);
             }
@@ -115,12 +123,31 @@ impl Position {
         }
     }
 
+    /// One solution near the last place, or one piece of a search of the whole section.
+    fn locate(&mut self, now_us: u64, profile: &Profile<f32>, tunnel_from_body: &UnitQuaternion<f32>) {
+        if let Some((search, measured_us)) = &mut self.search {
+            let measured_us = *measured_us;
+            if let Some(outcome) = search.advance(profile) {
+                self.search = None;
+                self.note(&outcome, measured_us);
+            }
+        } else if SOLVER_BEAMS.iter().any(|beam| self.monitors.get(*beam).is_fresh()) {
+            self.solve(now_us, profile, tunnel_from_body);
+        }
+    }
+
     fn solve(&mut self, now_us: u64, profile: &Profile<f32>, tunnel_from_body: &UnitQuaternion<f32>) {
         let beams = SOLVER_BEAMS.map(|beam| self.beam(beam));
         let hint_m = self.status().map(|status| SectionVector::from(status.offset_m));
-        let outcome = locate(profile, &beams, tunnel_from_body, hint_m);
+        match hint_m.and_then(|hint_m| locate_near(profile, &beams, tunnel_from_body, hint_m)) {
+            Some(outcome) => self.note(&outcome, now_us),
+            None => self.search = Some((Search::new(profile, &beams, tunnel_from_body, hint_m), now_us)),
+        }
+    }
+
+    fn note(&mut self, outcome: &Centring<f32>, measured_us: u64) {
         if let Some(status) = outcome.solved().and_then(status_of) {
-            self.fix = Some((status, now_us));
+            self.fix = Some((status, measured_us));
         }
     }
 
@@ -172,17 +199,22 @@ mod tests {
         Inputs { ranges, ..Inputs::default() }
     }
 
-    fn updated(inputs: &[Inputs]) -> Position {
+    /// Long enough for a search of the whole section and a few solutions more.
+    const STEPS: u32 = 40;
+
+    /// A position after some steps of 5 ms at the same place.
+    fn settled(y_m: f32, z_m: f32, level_m: f32) -> Position {
         let mut position = Position::new(RangeParameters::default());
-        for (index, inputs) in inputs.iter().enumerate() {
-            position.update(index as u64 * 10_000, inputs, Some(&profile()));
+        for step in 0..STEPS {
+            let inputs = inputs_at(y_m, z_m, level_m, step + 1);
+            position.update(u64::from(step) * 5_000, &inputs, Some(&profile()));
         }
         position
     }
 
     #[test]
     fn the_position_and_the_water_level_are_found() {
-        let position = updated(&[inputs_at(0.3, -0.4, 0.15, 1), inputs_at(0.3, -0.4, 0.15, 2)]);
+        let position = settled(0.3, -0.4, 0.15);
         let status = position.status().unwrap();
         assert!((status.offset_m[0] - 0.3).abs() < 1e-3 && (status.offset_m[1] + 0.4).abs() < 1e-3, "{status:?}");
         assert!(!status.used.down);
@@ -191,11 +223,11 @@ mod tests {
 
     #[test]
     fn the_position_is_held_for_a_moment_and_then_lost() {
-        let mut position = updated(&[inputs_at(0.1, 0.1, 0.0, 1), inputs_at(0.1, 0.1, 0.0, 2)]);
-        let still = inputs_at(0.1, 0.1, 0.0, 2);
-        position.update(400_000, &still, Some(&profile()));
-        assert!(position.status().is_some());
+        let mut position = settled(0.1, 0.1, 0.0);
+        let still = inputs_at(0.1, 0.1, 0.0, STEPS);
         position.update(600_000, &still, Some(&profile()));
+        assert!(position.status().is_some());
+        position.update(800_000, &still, Some(&profile()));
         assert!(position.status().is_none());
     }
 }

@@ -358,9 +358,22 @@ fn spoil(inputs: &mut Inputs, dice: &mut Dice, share: f32) {
     }
 }
 
+fn assert_servo_pulse_is_within_limits(outputs: &Outputs, parameters: &Parameters) {
+    let driven = matches!(outputs.mode, Mode::SelfTest | Mode::Ready | Mode::Scanning | Mode::Degraded);
+    let servo = &parameters.shaft.servo;
+    if let Some(pulse_us) = outputs.servo_pulse_us {
+        assert!(driven, "a pulse in mode {:?}", outputs.mode);
+        assert!((pulse_us - servo.neutral_us).abs() <= servo.full_us.abs() * 1.0001, "{pulse_us} us");
+    } else {
+        let is_number = (servo.neutral_us.abs() + servo.full_us.abs()).is_finite();
+        assert!(!driven || !is_number, "no pulse in mode {:?}", outputs.mode);
+    }
+}
+
 fn assert_outputs_are_within_limits(outputs: &Outputs, parameters: &Parameters, best_step_m: f64) {
     assert!((0.0..=1.0).contains(&outputs.light_level));
     assert!(outputs.shaft_setpoint_rad.is_finite());
+    assert_servo_pulse_is_within_limits(outputs, parameters);
     if let Some(limit_mps) = outputs.speed_limit_mps {
         assert!(limit_mps >= 0.0 && limit_mps <= parameters.speed.max_speed_mps);
         // No image comes faster than the shortest interval that the camera allows.
@@ -421,19 +434,22 @@ proptest! {
             &mut p.shutter.light_lead_s, &mut p.shutter.min_interval_s, &mut p.ranges.sigma_m, &mut p.ranges.min_m,
             &mut p.ranges.max_m, &mut p.ranges.stale_s, &mut p.ranges.jump_m, &mut p.log.sample_period_s,
             &mut p.rig.lever_radial_m, &mut p.camera.focal_px[0], &mut p.camera.centre_px[1],
+            &mut p.shaft.servo.neutral_us, &mut p.shaft.servo.full_us, &mut p.shaft.servo.acceleration_radps2,
+            &mut p.shaft.servo.slowest_radps,
         ];
         for number in numbers {
             if dice.chance(0.15) {
                 *number = wild(&mut dice);
             }
         }
-        let mut toy = Toy::new(parameters, seed);
+        let mut toy = Toy::new(parameters.clone(), seed);
         for _ in 0..1500 {
             let inputs = toy.inputs();
             toy.give(&inputs);
             prop_assert!((0.0..=1.0).contains(&toy.outputs.light_level));
             prop_assert!(toy.outputs.speed_limit_mps.is_none_or(|limit_mps| limit_mps >= 0.0));
             prop_assert!(toy.outputs.shaft_setpoint_rad.is_finite());
+            assert_servo_pulse_is_within_limits(&toy.outputs, &parameters);
         }
         prop_assert!(toy.now_us == 1500 * TICK_US);
     }

@@ -101,7 +101,7 @@ impl World {
             navigation: Navigation::new(&simulation.navigation, start_x_m, seed),
             ranges: std::array::from_fn(range),
             head: range(4),
-            servo: Servo::new(0.0, &simulation.servo, seed),
+            servo: Servo::new(left_rad(parameters, seed), &parameters.shaft.servo, &simulation.servo, seed),
             encoder: Encoder::new(&simulation.encoder, seed),
             shutter: Shutter::new(&simulation.shutter, seed),
             exposures: Vec::new(),
@@ -155,9 +155,7 @@ impl World {
         let wanted = self.autopilot.step(now_s, &self.vehicle.state, &wish, dt_s);
         let gust = self.wind.step(dt_s);
         self.vehicle.step(wanted, gust, dt_s);
-        // The servo's own loop was zeroed against the encoder: a setpoint means what the encoder will say.
-        let target_rad = f64::from(outputs.shaft_setpoint_rad) - self.encoder.offset_rad();
-        self.servo.step(Some(target_rad), stalled, dt_s);
+        self.servo.step(outputs.servo_pulse_us.map(f64::from), stalled, dt_s);
         self.steps += 1;
         self.measure(pilot.command, encoder_silent, navigation_silent)
     }
@@ -242,6 +240,12 @@ impl World {
 
 /// Drawn faults begin within this time.
 const FAULTS_WITHIN_S: f64 = 60.0;
+
+/// Where the shaft was left: anywhere if an encoder finds it, else upright, for the pilot must see to it.
+fn left_rad(parameters: &Parameters, seed: u64) -> f64 {
+    let half_turn_rad = if parameters.shaft.encoder { std::f64::consts::PI } else { 0.0 };
+    Random::numbered(seed, Stream::Build, 3).uniform(-half_turn_rad, half_turn_rad)
+}
 
 /// The rig with the errors of this very vehicle.
 fn built(nominal: &Rig<f64>, simulation: &Simulation, seed: u64) -> Rig<f64> {

@@ -1,6 +1,8 @@
-//! Set-up, demo, test and ci: the commands of README and `.ci/run`, the same on every machine.
+//! Set-up, demo, flash, test and ci: the commands of README and `.ci/run`, the same on every machine.
 
 mod demo;
+mod flash;
+mod image;
 mod shell;
 mod test;
 
@@ -26,6 +28,18 @@ enum Command {
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
+    /// Build the board's flash image, write it as ELF, binary, Intel HEX and .apj to target/image/, and load it if a probe
+    /// is there.
+    Flash {
+        /// Build and write only.
+        #[arg(long)]
+        build_only: bool,
+        /// The image that takes its inputs from a simulator over TELEM2 (`adit-sim fly --board PORT`).
+        #[arg(long)]
+        hil: bool,
+    },
+    /// Measure the flash image and compare it with firmware/budget.toml.
+    Size,
     /// Everything a change must pass: set-up, board build, all tests.
     Test,
     /// What `.ci/run` runs: format, lints and docs, then `test`.
@@ -37,6 +51,10 @@ enum Command {
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Demo { seed } => demo::demo(seed),
+        Command::Flash { build_only, hil } => {
+            flash::flash(if hil { image::Kind::Hil } else { image::Kind::Flight }, build_only)
+        }
+        Command::Size => flash::size(),
         Command::Test => test::test(),
         Command::Ci => test::ci(),
         Command::Setup => test::setup(),

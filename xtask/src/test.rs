@@ -5,7 +5,7 @@ use anyhow::{Result, bail};
 use crate::shell::{output, run, run_with};
 
 /// The rotator board's target.
-const BOARD: &str = "thumbv7em-none-eabihf";
+pub(crate) const BOARD: &str = "thumbv7em-none-eabihf";
 
 /// Installs what is missing and says so.
 pub(crate) fn setup() -> Result<()> {

@@ -1,4 +1,4 @@
-//! A world of a few lines: a circle, a shaft that slews, a camera that may miss, a vehicle that flies what it is allowed to.
+//! A world of a few lines: a circle, a servo without inertia, a camera that may miss, a vehicle that flies what it is allowed to.
 
 use adit_firmware::controller::Controller;
 use adit_firmware::io::{CameraStatus, Command, Inputs, Outputs, RangeReading, RangeSample};
@@ -10,6 +10,8 @@ use adit_protocol::tag::CaptureTag;
 /// 200 Hz.
 pub(crate) const TICK_US: u64 = 5_000;
 const TICK_S: f32 = 0.005;
+/// Where the toy's servo stands: not quite where the board believes.
+const NEUTRAL_US: f32 = 1503.0;
 
 /// A small generator (Knuth's MMIX constants), so that a seed is all a test needs.
 #[derive(Clone, Debug)]
@@ -124,9 +126,8 @@ impl Toy {
         if !busy && self.exposes_us.is_none() && self.photos.len() as u32 > self.stored {
             self.stored = self.photos.len() as u32;
         }
-        let way_rad = self.outputs.shaft_setpoint_rad - self.shaft_rad;
-        if !self.faults.jammed {
-            self.shaft_rad += way_rad.clamp(-5.0 * TICK_S, 5.0 * TICK_S);
+        if let Some(pulse_us) = self.outputs.servo_pulse_us.filter(|_| !self.faults.jammed) {
+            self.shaft_rad += (pulse_us - NEUTRAL_US) / 500.0 * 5.0 * TICK_S;
         }
         let allowed_mps = self.outputs.speed_limit_mps.unwrap_or(0.0);
         self.speed_mps += (allowed_mps - self.speed_mps) * TICK_S / 0.2;

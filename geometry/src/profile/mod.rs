@@ -69,9 +69,20 @@ pub struct Nearest<T> {
 pub struct Profile<T: Real> {
     pieces: heapless::Vec<Piece<T>, MAX_PIECES>,
     perimeter_m: T,
+    bounds: (SectionVector<T>, SectionVector<T>),
 }
 
 impl<T: Real> Profile<T> {
+    fn new(pieces: heapless::Vec<Piece<T>, MAX_PIECES>, perimeter_m: T) -> Self {
+        let mut low = Vector2::repeat(T::of(1e9));
+        let mut high = -low;
+        for piece in &pieces {
+            let (piece_low, piece_high) = piece.bounds();
+            (low, high) = (low.inf(&piece_low), high.sup(&piece_high));
+        }
+        Self { pieces, perimeter_m, bounds: (low, high) }
+    }
+
     /// Returns the pieces in order of arc length; the first starts at the crown.
     pub fn pieces(&self) -> &[Piece<T>] {
         &self.pieces
@@ -93,16 +104,32 @@ impl<T: Real> Profile<T> {
     ///
     /// The origin must lie inside, otherwise a far wall may be answered. `None` if nothing is met (a zero direction, NaN).
     pub fn ray_cast(&self, origin: SectionVector<T>, direction: SectionVector<T>) -> Option<RayHit<T>> {
-        let mut best: Option<(T, usize, T)> = None;
-        for (index, piece) in self.pieces.iter().enumerate() {
-            if let Some((distance, along_m)) = piece.ray_cast(origin, direction)
-                && best.is_none_or(|(nearest, ..)| distance < nearest)
-            {
-                best = Some((distance, index, along_m));
-            }
-        }
-        let (distance, index, along_m) = best?;
-        Some(RayHit { distance, surface: self.surface_on(index, along_m)? })
+        let (distance, index) = self.first_hit(origin, direction)?;
+        let piece = self.pieces.get(index)?;
+        let (along_m, point, normal) = piece.surface_near(origin + direction * distance);
+        let s_m = self.wrap_s(piece.start_s_m() + along_m);
+        Some(RayHit { distance, surface: SurfacePoint { s_m, point, normal, piece: index } })
+    }
+
+    /// As [`Self::ray_cast`], but only the distance and the wall's inward unit normal: a third of the cost on the board, for it
+    /// needs no arc length.
+    pub(crate) fn wall_ahead(
+        &self,
+        origin: SectionVector<T>,
+        direction: SectionVector<T>,
+    ) -> Option<(T, SectionVector<T>)> {
+        let (distance, index) = self.first_hit(origin, direction)?;
+        Some((distance, self.pieces.get(index)?.normal_near(origin + direction * distance)))
+    }
+
+    /// Distance to the first piece that the ray meets, and which.
+    fn first_hit(&self, origin: SectionVector<T>, direction: SectionVector<T>) -> Option<(T, usize)> {
+        let hits = self
+            .pieces
+            .iter()
+            .enumerate()
+            .filter_map(|(index, piece)| piece.ray_cast(origin, direction).map(|distance| (distance, index)));
+        hits.reduce(|best, next| if next.0 < best.0 { next } else { best })
     }
 
     /// Returns the lining's point nearest to `point`, and the signed distance to it (positive inside).
@@ -153,14 +180,7 @@ impl<T: Real> Profile<T> {
 
     /// Returns the smallest box `(min, max)` in `[y, z]` that holds the lining.
     pub fn bounds(&self) -> (SectionVector<T>, SectionVector<T>) {
-        let mut low = Vector2::repeat(T::of(1e9));
-        let mut high = -low;
-        for piece in &self.pieces {
-            let (piece_low, piece_high) = piece.bounds();
-            low = low.inf(&piece_low);
-            high = high.sup(&piece_high);
-        }
-        (low, high)
+        self.bounds
     }
 
     fn surface_on(&self, index: usize, along_m: T) -> Option<SurfacePoint<T>> {

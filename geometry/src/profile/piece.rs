@@ -22,9 +22,17 @@ pub struct Piece<T> {
     pub(super) start_s_m: T,
     pub(super) length_m: T,
     pub(super) part: Part,
+    /// The points where it starts and ends: derived from the shape, so that no look-up needs a sine.
+    ends: [SectionVector<T>; 2],
 }
 
 impl<T: Real> Piece<T> {
+    pub(super) fn new(shape: Shape<T>, start_s_m: T, length_m: T, part: Part) -> Self {
+        let mut piece = Self { shape, start_s_m, length_m, part, ends: [Vector2::zeros(); 2] };
+        piece.ends = [T::zero(), length_m].map(|along_m| piece.at(along_m).0);
+        piece
+    }
+
     /// Arc length at which the piece starts.
     pub fn start_s_m(&self) -> T {
         self.start_s_m
@@ -66,9 +74,14 @@ impl<T: Real> Piece<T> {
         }
     }
 
-    /// Distance (in multiples of `direction`) and place along the piece of the first hit with `t > 0`.
-    pub(super) fn ray_cast(&self, origin: SectionVector<T>, direction: SectionVector<T>) -> Option<(T, T)> {
-        let slack = T::default_epsilon() * T::of(16.0) * (T::one() + self.length_m);
+    /// What rounding may put a hit beyond the piece's ends.
+    fn slack_m(&self) -> T {
+        T::default_epsilon() * T::of(16.0) * (T::one() + self.length_m)
+    }
+
+    /// Distance (in multiples of `direction`) of the first hit with `t > 0`.
+    pub(super) fn ray_cast(&self, origin: SectionVector<T>, direction: SectionVector<T>) -> Option<T> {
+        let slack = self.slack_m();
         match self.shape {
             Shape::Line { start, tangent } => {
                 let normal = Vector2::new(-tangent.y, tangent.x);
@@ -76,7 +89,7 @@ impl<T: Real> Piece<T> {
                 let distance = (start - origin).dot(&normal) / closing;
                 let along_m = (origin + direction * distance - start).dot(&tangent);
                 let hit = distance > T::zero() && along_m >= -slack && along_m <= self.length_m + slack;
-                hit.then(|| (distance, along_m.max(T::zero()).min(self.length_m)))
+                hit.then_some(distance)
             }
             Shape::Arc { centre, radius_m, .. } => {
                 let offset = origin - centre;
@@ -91,15 +104,50 @@ impl<T: Real> Piece<T> {
                 let q = -(half_b + half_b.signum() * discriminant.sqrt());
                 let (one, other) = if q == T::zero() { (T::zero(), T::zero()) } else { (q / a, c / q) };
                 let (near, far) = if one < other { (one, other) } else { (other, one) };
-                for distance in [near, far] {
-                    if distance > T::zero()
-                        && let Some(along_m) = self.along_arc(origin + direction * distance, slack)
-                    {
-                        return Some((distance, along_m));
-                    }
-                }
-                None
+                let reaches = |distance: &T| {
+                    *distance > T::zero() && self.arc_reaches(offset + direction * *distance, slack * radius_m)
+                };
+                [near, far].into_iter().find(reaches)
             }
+        }
+    }
+
+    /// Place along the piece, point and inward unit normal of a hit near `point`.
+    pub(super) fn surface_near(&self, point: SectionVector<T>) -> (T, SectionVector<T>, SectionVector<T>) {
+        match self.shape {
+            Shape::Line { start, tangent } => {
+                let along_m = (point - start).dot(&tangent).max(T::zero()).min(self.length_m);
+                let (point, normal) = self.at(along_m);
+                (along_m, point, normal)
+            }
+            Shape::Arc { centre, radius_m, .. } => {
+                let normal = self.normal_near(point);
+                // A hit that rounding put beyond an end counts as the end.
+                let along_m = self.along_arc(point, self.slack_m()).unwrap_or(self.length_m);
+                (along_m, centre + (point - centre).normalize() * radius_m, normal)
+            }
+        }
+    }
+
+    /// Inward unit normal at the place of a hit near `point`.
+    pub(super) fn normal_near(&self, point: SectionVector<T>) -> SectionVector<T> {
+        match self.shape {
+            Shape::Line { tangent, .. } => Vector2::new(-tangent.y, tangent.x),
+            Shape::Arc { centre, sweep_rad, .. } => (centre - point).normalize() * sweep_rad.signum(),
+        }
+    }
+
+    /// Whether the arc reaches the direction of `offset` from its centre; `slack` as a cross product.
+    fn arc_reaches(&self, offset: SectionVector<T>, slack: T) -> bool {
+        let Shape::Arc { centre, sweep_rad, .. } = self.shape else { return false };
+        let [from, to] = self.ends.map(|end| end - centre);
+        let turn = sweep_rad.signum();
+        let (past_start, before_end) = (from.perp(&offset) * turn, offset.perp(&to) * turn);
+        if sweep_rad.abs() <= T::pi() {
+            past_start >= -slack && before_end >= -slack
+        } else {
+            // More than half a circle: not in the wedge that is left out.
+            past_start >= -slack || before_end >= -slack
         }
     }
 
@@ -114,8 +162,7 @@ impl<T: Real> Piece<T> {
                 if let Some(along_m) = self.along_arc(point, T::zero()) {
                     return (((point - centre).norm() - radius_m).abs(), along_m);
                 }
-                let to_start = (self.at(T::zero()).0 - point).norm();
-                let to_end = (self.at(self.length_m).0 - point).norm();
+                let [to_start, to_end] = self.ends.map(|end| (end - point).norm());
                 if to_start <= to_end { (to_start, T::zero()) } else { (to_end, self.length_m) }
             }
         }
@@ -123,8 +170,7 @@ impl<T: Real> Piece<T> {
 
     /// The signed angle under which the piece is seen from `point`; the sum over a closed chain is 0 or a full turn.
     pub(super) fn angle_seen_from(&self, point: SectionVector<T>) -> T {
-        let start = self.at(T::zero()).0 - point;
-        let end = self.at(self.length_m).0 - point;
+        let [start, end] = self.ends.map(|end| end - point);
         let chord = start.perp(&end).atan2(start.dot(&end));
         let Shape::Arc { centre, radius_m, sweep_rad, .. } = self.shape else { return chord };
         if (point - centre).norm_squared() >= radius_m * radius_m {
@@ -139,7 +185,7 @@ impl<T: Real> Piece<T> {
     }
 
     pub(super) fn bounds(&self) -> (SectionVector<T>, SectionVector<T>) {
-        let (start, end) = (self.at(T::zero()).0, self.at(self.length_m).0);
+        let [start, end] = self.ends;
         let (mut low, mut high) = (start.inf(&end), start.sup(&end));
         if let Shape::Arc { centre, radius_m, .. } = self.shape {
             for axis in [Vector2::x(), -Vector2::x(), Vector2::y(), -Vector2::y()] {

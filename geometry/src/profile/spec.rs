@@ -111,9 +111,9 @@ impl<T: Real> ProfileSpec<T> {
                 };
                 let length_m = T::two_pi() * *radius_m;
                 let mut pieces = heapless::Vec::new();
-                let piece = Piece { shape, start_s_m: zero, length_m, part: Part::Lining };
+                let piece = Piece::new(shape, zero, length_m, Part::Lining);
                 pieces.push(piece).map_err(|_| ProfileError::TooManyPieces)?;
-                Ok(Profile { pieces, perimeter_m: length_m })
+                Ok(Profile::new(pieces, length_m))
             }
             Self::Rectangle { width_m, height_m, axis_height_m } => {
                 positive("width_m", *width_m)?;
@@ -172,7 +172,7 @@ fn build_chain<T: Real>(vertices: &[ChainVertex<T>]) -> Result<Profile<T>, Profi
         let end = Vector2::new(to.y_m, to.z_m);
         let (shape, length_m) =
             piece_between(start, end, from.bulge).ok_or(ProfileError::Degenerate { vertex: index })?;
-        let mut piece = Piece { shape, start_s_m: perimeter_m, length_m, part: Part::Lining };
+        let mut piece = Piece::new(shape, perimeter_m, length_m, Part::Lining);
         piece.part = part_facing(piece.at(length_m * T::of(0.5)).1);
         pieces.push(piece).map_err(|_| ProfileError::TooManyPieces)?;
         perimeter_m += length_m;
@@ -180,7 +180,7 @@ fn build_chain<T: Real>(vertices: &[ChainVertex<T>]) -> Result<Profile<T>, Profi
     if signed_area(&pieces) <= T::zero() {
         return Err(ProfileError::CounterClockwise);
     }
-    let unrotated = Profile { pieces, perimeter_m };
+    let unrotated = Profile::new(pieces, perimeter_m);
     if !unrotated.contains(Vector2::zeros()) {
         return Err(ProfileError::AxisOutside);
     }
@@ -253,7 +253,7 @@ fn rotate_to<T: Real>(profile: &Profile<T>, crown_piece: usize, crown_s_m: T) ->
     if before_m > slack {
         push(cut(split, T::zero(), before_m), s_m)?;
     }
-    Ok(Profile { pieces, perimeter_m: profile.perimeter_m })
+    Ok(Profile::new(pieces, profile.perimeter_m))
 }
 
 /// The stretch of `piece` between two places along it.
@@ -270,5 +270,5 @@ fn cut<T: Real>(piece: &Piece<T>, from_m: T, to_m: T) -> Piece<T> {
             }
         }
     };
-    Piece { shape, start_s_m: piece.start_s_m, length_m: to_m - from_m, part: piece.part }
+    Piece::new(shape, piece.start_s_m, to_m - from_m, piece.part)
 }

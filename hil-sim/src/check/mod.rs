@@ -19,6 +19,7 @@ mod limits;
 mod report;
 mod table;
 
+use adit_geometry::angles::wrap_half_turn;
 use adit_protocol::log::FlightLog;
 use adit_protocol::mission::Mission;
 use adit_protocol::record::Mode;
@@ -56,7 +57,9 @@ pub fn check(flight: &Flight, log: &[u8], mission: &Mission, bounds: &mut BoundT
     }
     let seen = seen(flight, bounds);
     let time_errors = pairs.iter().map(|(tag, exposure)| seconds(tag) - exposure.time_s);
-    let shaft_errors = pairs.iter().map(|(tag, exposure)| f64::from(tag.shaft_rad) - exposure.shaft_rad);
+    // Which turn the shaft was left in, nobody knows.
+    let shaft_errors =
+        pairs.iter().map(|(tag, exposure)| wrap_half_turn(f64::from(tag.shaft_rad) - exposure.shaft_rad));
     let figures = Figures {
         limit_use,
         longest_step,

@@ -172,11 +172,11 @@ impl Default for RangeConfig {
     }
 }
 
-/// `[simulation.servo]`: the servo on the shaft.
+/// `[simulation.servo]`: the servo on the shaft. What the board was told of it is `[board.shaft]`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServoConfig {
-    /// Highest speed.
+    /// Speed at a full pulse, and the highest.
     #[serde(rename = "slew_deg_per_s", with = "degrees")]
     pub slew_rad_per_s: f64,
     /// Highest acceleration.
@@ -188,16 +188,26 @@ pub struct ServoConfig {
     /// Trembling of the shaft in that play.
     #[serde(rename = "tremble_sigma_deg", with = "degrees")]
     pub tremble_sigma_rad: f64,
+    /// Error of the neutral that the board was told, one standard deviation between servos.
+    pub neutral_sigma_us: f64,
+    /// Error of the speed at a pulse, the same.
+    pub gain_sigma: f64,
+    /// So near to its neutral it hears nothing.
+    pub dead_band_us: f64,
 }
 
 impl Default for ServoConfig {
     fn default() -> Self {
-        // 60 degrees in 0.2 s and half a degree of play: a digital servo with a light camera.
+        // What the board is told by default, half a degree of play, a few per cent and microseconds off: a digital servo
+        // with a light camera.
         Self {
-            slew_rad_per_s: 300_f64.to_radians(),
+            slew_rad_per_s: 5.0,
             acceleration_rad_per_s2: 2500_f64.to_radians(),
             backlash_rad: 0.5_f64.to_radians(),
             tremble_sigma_rad: 0.03_f64.to_radians(),
+            neutral_sigma_us: 3.0,
+            gain_sigma: 0.03,
+            dead_band_us: 4.0,
         }
     }
 }
@@ -367,6 +377,9 @@ impl ServoConfig {
         to.within("acceleration_deg_per_s2", self.acceleration_rad_per_s2.to_degrees(), 10.0, 1e6);
         to.angle("backlash_deg", self.backlash_rad, 20.0);
         to.angle("tremble_sigma_deg", self.tremble_sigma_rad, 5.0);
+        to.within("neutral_sigma_us", self.neutral_sigma_us, 0.0, 100.0);
+        to.within("gain_sigma", self.gain_sigma, 0.0, 0.5);
+        to.within("dead_band_us", self.dead_band_us, 0.0, 100.0);
     }
 }
 

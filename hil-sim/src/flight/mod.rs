@@ -149,7 +149,6 @@ pub fn fly_board(
     let end_x_m = simulation.pilot.start_x_m + mission.flight.length_m;
     let mut pilot = Pilot::new(&simulation.pilot, end_x_m);
     let mut inputs = Inputs::default();
-    let mut last_setpoint_rad = 0.0;
     while world.now_s() < simulation.pilot.most_s {
         if world.faults.holds(FaultKind::PowerLoss, world.now_s()) {
             flight.outcome = Outcome::PowerLost;
@@ -158,7 +157,6 @@ pub fn fly_board(
         let now_us = (world.now_s() * 1e6).round() as u64;
         board.feel(now_us, world.vehicle());
         let outputs = board.step(now_us, &inputs);
-        last_setpoint_rad = outputs.shaft_setpoint_rad;
         flight.note(&world, &outputs);
         let action = match pilot.decide(world.now_s(), outputs.mode, world.vehicle().position_m.x) {
             Ok(action) => action,
@@ -176,7 +174,7 @@ pub fn fly_board(
             break;
         }
     }
-    flight.finish(&mut world, last_setpoint_rad);
+    flight.finish(&mut world);
     Ok(flight)
 }
 
@@ -203,9 +201,9 @@ impl Flight {
     }
 
     /// Lets the camera take what it was told to take before the board fell silent.
-    fn finish(&mut self, world: &mut World, shaft_setpoint_rad: f32) {
+    fn finish(&mut self, world: &mut World) {
         let until_s = world.now_s() + AFTER_POWER_LOSS_S;
-        let dark = Outputs { shaft_setpoint_rad, ..Outputs::default() };
+        let dark = Outputs::default();
         while world.now_s() < until_s {
             world.step(&dark, PilotAction::default());
         }

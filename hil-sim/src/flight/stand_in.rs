@@ -1,6 +1,7 @@
 //! A board of a few lines, for tests of the world and of the checker.
 
 use adit_firmware::io::{Command, Inputs, Outputs};
+use adit_geometry::angles::wrap_half_turn;
 use adit_protocol::record::Mode;
 
 use super::Board;
@@ -28,6 +29,9 @@ lever_radial_m = 0.06
 length_m = 2.0
 "#;
 
+/// Ten radians per second for each radian that the shaft is away.
+const PULSE_US_PER_RAD: f32 = 1000.0;
+
 /// Turns by a tenth and presses once a second; allows a constant speed.
 #[derive(Default)]
 pub(crate) struct Metronome {
@@ -44,9 +48,12 @@ impl Board for Metronome {
             (mode, _) => mode,
         };
         let scanning = self.mode == Mode::Scanning;
+        let shaft_setpoint_rad = (now_us / 1_000_000) as f32 * 36_f32.to_radians();
+        let away_rad = inputs.shaft_encoder_rad.map_or(0.0, |angle_rad| wrap_half_turn(shaft_setpoint_rad - angle_rad));
         Outputs {
             mode: self.mode,
-            shaft_setpoint_rad: (now_us / 1_000_000) as f32 * 36_f32.to_radians(),
+            shaft_setpoint_rad,
+            servo_pulse_us: Some(1500.0 + (PULSE_US_PER_RAD * away_rad).clamp(-500.0, 500.0)),
             shutter: scanning && now_us % 1_000_000 > 600_000 && now_us % 1_000_000 < 700_000,
             speed_limit_mps: scanning.then_some(self.limit_mps),
             ..Outputs::default()

@@ -76,3 +76,56 @@ fn the_same_seed_makes_the_same_flight() {
     assert_eq!(one.moments, two.moments);
     assert_ne!(one.exposures, other.exposures);
 }
+
+/// From the moment the shaft leaves the angle of one photo until it is at that of the next for good, within a degree.
+fn turn_times_s(flight: &Flight) -> Vec<f64> {
+    let mut times_s = Vec::new();
+    for (earlier, later) in flight.exposures.iter().zip(flight.exposures.iter().skip(1)) {
+        let between = || {
+            let until = |moment: &&Moment| (earlier.time_s..later.time_s).contains(&moment.time_s);
+            flight.moments.iter().filter(until)
+        };
+        let away = |moment: &Moment, from: &Exposure| (moment.shaft_rad - from.shaft_rad).abs() > 1_f64.to_radians();
+        let left = between().find(|moment| away(moment, earlier));
+        let arrived = between().rfind(|moment| away(moment, later));
+        if let (Some(left), Some(arrived)) = (left, arrived) {
+            times_s.push(arrived.time_s - left.time_s);
+        }
+    }
+    times_s
+}
+
+#[test]
+fn the_boards_own_loop_turns_by_a_step_in_a_quarter_of_a_second_whatever_the_servo() {
+    let mission = Mission::from_toml(MISSION).expect("a mission");
+    for seed in 1..=20 {
+        let flight = fly(&mission, &calm(), seed).expect("a flight");
+        assert_eq!(flight.outcome, Outcome::Completed, "seed {seed}");
+        let longest_s = turn_times_s(&flight).into_iter().fold(0.0, f64::max);
+        assert!((0.15..0.27).contains(&longest_s), "seed {seed}: a turn took {longest_s} s");
+        for (earlier, later) in flight.exposures.iter().zip(flight.exposures.iter().skip(1)) {
+            let step_deg = (later.shaft_rad - earlier.shaft_rad).to_degrees();
+            assert!((step_deg - 36.0).abs() < 1.0, "seed {seed}: a step of {step_deg} degrees");
+        }
+    }
+}
+
+#[test]
+fn a_flight_that_loses_its_encoder_goes_on_turning_and_knows_each_step_to_a_degree() {
+    let mission = Mission::from_toml(&MISSION.replace("length_m = 2.0", "length_m = 4.0")).expect("a mission");
+    let mut simulation = calm();
+    simulation.faults = vec![crate::faults::Fault { kind: FaultKind::EncoderSilent, at_s: 15.0, for_s: None }];
+    for seed in 1..=10 {
+        let flight = fly(&mission, &simulation, seed).expect("a flight");
+        assert_eq!(flight.outcome, Outcome::Completed, "seed {seed}");
+        let blind: Vec<f64> = flight
+            .exposures
+            .iter()
+            .filter(|exposure| exposure.time_s > 16.0)
+            .map(|exposure| exposure.shaft_rad)
+            .collect();
+        let (Some(first), Some(last)) = (blind.first(), blind.last()) else { panic!("no photos") };
+        let step_deg = (last - first).to_degrees() / (blind.len() - 1) as f64;
+        assert!(blind.len() > 10 && (step_deg - 36.0).abs() < 1.0, "seed {seed}: {step_deg} degrees per step");
+    }
+}

@@ -1,7 +1,7 @@
 //! The magnetic shaft encoder: offset, eccentricity, noise, quantisation.
 //!
-//! Model: an AS5600 has 4096 steps per turn; a magnet off its centre adds an error of one period per turn; mounting
-//! adds an offset. The board's driver counts the turns, so the angle goes on over them.
+//! Model: an AS5600 has 4096 steps per turn and knows of no other turn; a magnet off its centre adds an error of one period
+//! per turn; mounting adds an offset.
 
 use std::f64::consts::TAU;
 
@@ -29,30 +29,29 @@ impl Encoder {
         Self { config: *config, offset_rad, eccentric_phase_rad, random: Random::new(seed, Stream::Encoder) }
     }
 
-    /// Constant error of its mounting.
-    pub fn offset_rad(&self) -> f64 {
-        self.offset_rad
-    }
-
-    /// Reads the shaft's angle.
+    /// Reads the shaft's angle, in `[0, 2 pi)`.
     pub fn read(&mut self, shaft_rad: f64) -> f64 {
         let eccentric = self.config.eccentricity_rad * (shaft_rad + self.eccentric_phase_rad).sin();
         let noisy = shaft_rad + self.offset_rad + eccentric + self.random.gauss(self.config.noise_sigma_rad);
-        (noisy / TAU * STEPS).round() / STEPS * TAU
+        (noisy / TAU * STEPS).round().rem_euclid(STEPS) / STEPS * TAU
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use adit_geometry::angles::wrap_half_turn;
+
     use super::*;
 
     #[test]
-    fn a_perfect_encoder_errs_by_half_a_step_at_most_and_counts_turns() {
+    fn a_perfect_encoder_errs_by_half_a_step_at_most_and_knows_one_turn_only() {
         let config = EncoderConfig { offset_sigma_rad: 0.0, eccentricity_rad: 0.0, noise_sigma_rad: 0.0 };
         let mut encoder = Encoder::new(&config, 1);
-        for degrees in [-400.0_f64, 0.0, 33.3, 719.9, 3600.0] {
+        for degrees in [-400.0_f64, 0.0, 33.3, 719.99, 3600.0] {
             let angle = degrees.to_radians();
-            assert!((encoder.read(angle) - angle).abs() <= 0.5001 * TAU / STEPS);
+            let read = encoder.read(angle);
+            assert!((0.0..TAU).contains(&read) && (read as f32) < std::f32::consts::TAU, "{read} rad");
+            assert!(wrap_half_turn(read - angle).abs() <= 0.5001 * TAU / STEPS);
         }
     }
 }

@@ -103,7 +103,7 @@ impl Iterator for Decoder<'_> {
             };
             self.offset = offset + end + 1;
             let frame = rest.get(..end).unwrap_or_default();
-            // Two zeros in a row: the one in front of a header.
+            // Zeros in a row: the one in front of a header, or the unused end of a file, which the board fills with them.
             if !frame.is_empty() {
                 return Some(record(frame, offset).map(|record| Located { offset, record }));
             }

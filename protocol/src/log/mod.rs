@@ -3,7 +3,8 @@
 //! A log is a chain of frames. A frame is `COBS(kind, payload, CRC-32) 0x00`: one byte for the kind of record, its fields
 //! in postcard's encoding, and the CRC-32/ISO-HDLC (little endian) of both. Zero occurs nowhere but at the ends of frames,
 //! so a reader finds its way back after any damage, and a torn tail costs the last record at most. A header begins with a
-//! zero of its own, which closes whatever an earlier run of the board left torn in the same file.
+//! zero of its own, which closes whatever an earlier run of the board left torn in the same file. Any number of zeros may
+//! stand between frames: the board writes its records into a file of zeros, and the rest of them stays behind the last.
 //!
 //! Newer programs may append fields to a record (older readers ignore them) and add kinds (older readers report
 //! [`DecodeError::UnknownKind`] and go on). Anything else raises [`FORMAT`].

@@ -294,3 +294,19 @@ fn a_message_reads_back_the_same() {
     assert_eq!(Decoder::new(&bytes).next().unwrap().unwrap().record, message);
     assert_eq!(FlightLog::from_bytes(&bytes).sessions[0].messages.len(), 1);
 }
+
+#[test]
+fn a_tail_of_zeros_is_no_damage() {
+    let (mut bytes, _) = log_of(&[Entry::Tag(simple_tag(1))]);
+    let whole = bytes.len();
+    bytes.resize(64 * 1024, 0);
+    let log = FlightLog::from_bytes(&bytes);
+    assert_eq!((log.sessions.len(), log.tags().count(), log.damage.len()), (1, 1, 0));
+    // Torn at any byte, the last record is one damaged stretch: the zeros behind it close it.
+    for torn in 1..20 {
+        bytes[whole - torn..].fill(0);
+        let log = FlightLog::from_bytes(&bytes);
+        let lost = usize::from(torn > 1);
+        assert_eq!((log.tags().count(), log.damage.len()), (1 - lost, lost), "{torn} bytes torn off");
+    }
+}

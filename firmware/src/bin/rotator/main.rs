@@ -1,3 +1,86 @@
-//! The rotator board's flash image.
+//! The rotator board's flash image: embassy tasks around [`adit_firmware`]'s controller, on the STM32F427 of a Pixracer.
+//!
+//! Start: safe pins, why the board started, clocks, watchdog, parameters from the FRAM, then the tasks.
 #![no_std]
 #![no_main]
+
+mod blackboard;
+mod card;
+mod clocks;
+mod crash;
+mod descriptor;
+mod executors;
+mod pins;
+mod stack;
+mod statistics;
+mod tasks;
+
+use adit_firmware::controller::Controller;
+use adit_firmware::drivers::fram::Fram;
+use adit_protocol::parameters::Parameters;
+use adit_protocol::record::StartCause;
+use defmt_rtt as _;
+use static_cell::StaticCell;
+
+use clocks::ClockSource;
+use pins::Board;
+
+/// Name and version, as log and link say them.
+const PROGRAM: &str = concat!("rotator ", env!("CARGO_PKG_VERSION"));
+
+static CONTROLLER: StaticCell<Controller> = StaticCell::new();
+
+/// What the log's first records say about this start.
+pub(crate) struct Start {
+    pub(crate) cause: StartCause,
+    pub(crate) note: Option<heapless::String<{ adit_protocol::record::MESSAGE_BYTES }>>,
+    pub(crate) clock: ClockSource,
+}
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    stack::paint();
+    let start =
+        Start { cause: crash::start_cause(), note: crash::take_note(), clock: clocks::find_source() };
+    let board = Board::new(executors::init_clocks(start.clock));
+    let watchdog = tasks::supervisor::unleash(board.watchdog);
+    let mut store = tasks::store::Store::new(Fram::new(board.fram));
+    let (parameters, flight) = store.load();
+    defmt::info!("{=str}: start {=u32}, last capture {=u32}", PROGRAM, flight.starts, flight.last_capture);
+    announce(&start);
+    let controller = Controller::new(parameters.clone()).continuing_after(flight.last_capture);
+    let controller = CONTROLLER.init(controller);
+    executors::run(
+        executors::Parts {
+            rig: board.rig,
+            range_bus: board.range_bus,
+            hub: board.hub,
+            link: board.link,
+            #[cfg(feature = "hil")]
+            simulator: board.simulator,
+            card: board.card,
+            imu: board.imu,
+            leds: board.leds,
+            held: board.held,
+            watchdog,
+            store,
+        },
+        controller,
+        &parameters,
+        start,
+        flight.log_number,
+    )
+}
+
+/// Tells the pilot why the board started, where that is no news he expects.
+fn announce(start: &Start) {
+    if start.cause != StartCause::PowerOn {
+        blackboard::notify(format_args!("rotator restarted: {:?}", start.cause));
+    }
+    if let Some(note) = &start.note {
+        blackboard::notify(format_args!("{note}"));
+    }
+    if start.clock == ClockSource::Internal {
+        blackboard::notify(format_args!("crystal dead, times are 1 % off"));
+    }
+}

@@ -1,0 +1,92 @@
+//! What tasks tell each other: the newest of everything, and bounded queues.
+//!
+//! | what | from | to | when full |
+//! |---|---|---|---|
+//! | newest readings | sensors, imu, link, log | control | replaced |
+//! | newest outputs | control | link, supervisor | replaced |
+//! | log entries | control | log | [`LogQueue`]'s policy: tags win, drops are counted |
+//! | numbers to be kept | control, log | store | the newest is dropped; the next one is larger |
+//! | notices | anyone | link | the newest is dropped: the first trouble tells most |
+//!
+//! Every access is short and happens with interrupts off; nothing is computed there.
+
+use core::cell::RefCell;
+
+use adit_firmware::health::CheckIns;
+use adit_firmware::io::{Command, Outputs, RangeSample};
+use adit_firmware::journal::LogQueue;
+use adit_protocol::beams::Beams;
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+
+/// A notice for the pilot.
+pub(crate) type Notice = heapless::String<50>;
+
+/// The newest of everything.
+#[derive(Debug, Default)]
+pub(crate) struct Newest {
+    pub(crate) ranges: Beams<RangeSample>,
+    pub(crate) head: RangeSample,
+    /// The encoder's angle and how often it was read.
+    pub(crate) encoder_rad: Option<f32>,
+    /// Attitude of our own.
+    pub(crate) attitude_rad: Option<[f32; 3]>,
+    /// What the link knows.
+    pub(crate) vehicle: Vehicle,
+    /// The next command of pilot or operator.
+    pub(crate) command: Option<Command>,
+    pub(crate) log_lost: bool,
+    pub(crate) outputs: Outputs,
+}
+
+/// What the autopilot says.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Vehicle {
+    pub(crate) alive: bool,
+    pub(crate) attitude_rad: Option<[f32; 3]>,
+    pub(crate) odometer_m: Option<f32>,
+    pub(crate) speed_mps: Option<f32>,
+}
+
+static NEWEST: Mutex<CriticalSectionRawMutex, RefCell<Option<Newest>>> = Mutex::new(RefCell::new(None));
+static LOG: Mutex<CriticalSectionRawMutex, RefCell<LogQueue>> = Mutex::new(RefCell::new(LogQueue::new()));
+
+/// A number to be kept over a loss of power.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Counted {
+    /// The last capture's.
+    Capture(u32),
+    /// The last log file's.
+    LogFile(u32),
+}
+
+/// Numbers to be kept.
+pub(crate) static COUNTED: Channel<CriticalSectionRawMutex, Counted, 4> = Channel::new();
+/// What the pilot shall read.
+pub(crate) static NOTICES: Channel<CriticalSectionRawMutex, Notice, 4> = Channel::new();
+/// Who has reported when.
+pub(crate) static CHECK_INS: CheckIns = CheckIns::new();
+
+/// Looks at the newest, or changes it.
+pub(crate) fn newest<R>(with: impl FnOnce(&mut Newest) -> R) -> R {
+    NEWEST.lock(|newest| with(newest.borrow_mut().get_or_insert_default()))
+}
+
+/// Looks at the log's queue, or changes it.
+pub(crate) fn log<R>(with: impl FnOnce(&mut LogQueue) -> R) -> R {
+    LOG.lock(|queue| with(&mut queue.borrow_mut()))
+}
+
+/// Tells the pilot.
+pub(crate) fn notify(words: core::fmt::Arguments<'_>) {
+    let mut notice = Notice::new();
+    // What is too long is cut at a whole piece; a full queue keeps the first notices.
+    let _ = core::fmt::Write::write_fmt(&mut notice, words);
+    let _ = NOTICES.try_send(notice);
+}
+
+/// Now, since the board's start.
+pub(crate) fn now_us() -> u64 {
+    embassy_time::Instant::now().as_micros()
+}

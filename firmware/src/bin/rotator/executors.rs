@@ -1,0 +1,92 @@
+//! Clocks on, then the three places where tasks run: control above bus and link, and the log in thread mode below all.
+#![allow(unsafe_code, reason = "an interrupt executor is driven from a vector, which embassy marks as unsafe")]
+
+use adit_firmware::controller::Controller;
+use adit_protocol::parameters::Parameters;
+use embassy_executor::{Executor, InterruptExecutor};
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peripherals, pac};
+use static_cell::StaticCell;
+
+use crate::Start;
+use crate::clocks::{self, ClockSource};
+#[cfg(feature = "hil")]
+use crate::pins::SimulatorParts;
+use crate::pins::{CardParts, Held, HubParts, ImuSpi, Leds, LinkParts, RangeBusParts, Rig};
+use crate::tasks;
+use crate::tasks::store::Store;
+
+/// On the vector of a peripheral that the board does not use: the camera interface.
+static ABOVE: InterruptExecutor = InterruptExecutor::new();
+/// On the vector of another: the second CAN's errors.
+static MIDDLE: InterruptExecutor = InterruptExecutor::new();
+static BELOW: StaticCell<Executor> = StaticCell::new();
+
+#[embassy_stm32::interrupt]
+unsafe fn DCMI() {
+    // SAFETY: called from the vector that the executor was started with, and from nowhere else.
+    unsafe { ABOVE.on_interrupt() }
+}
+
+#[embassy_stm32::interrupt]
+unsafe fn CAN2_SCE() {
+    // SAFETY: as above.
+    unsafe { MIDDLE.on_interrupt() }
+}
+
+/// Everything that the tasks are made from.
+pub(crate) struct Parts {
+    pub(crate) rig: Rig,
+    pub(crate) range_bus: RangeBusParts,
+    pub(crate) hub: HubParts,
+    pub(crate) link: LinkParts,
+    #[cfg(feature = "hil")]
+    pub(crate) simulator: SimulatorParts,
+    pub(crate) card: CardParts,
+    pub(crate) imu: ImuSpi,
+    pub(crate) leds: Leds,
+    pub(crate) held: Held,
+    pub(crate) watchdog: IndependentWatchdog<'static, IWDG>,
+    pub(crate) store: Store,
+}
+
+/// Sets the clocks up and takes the peripherals.
+pub(crate) fn init_clocks(source: ClockSource) -> Peripherals {
+    let config = clocks::config(source);
+    cortex_m::interrupt::free(|_| {
+        let peripherals = embassy_stm32::init(config);
+        // The time driver leaves compare flags set that rose while its counter stood at zero; taken for a wrapped half
+        // period they would put the clock two seconds ahead and undo its guard against reading it at the wrap.
+        pac::TIM5.sr().write_value(Default::default());
+        cortex_m::peripheral::NVIC::unpend(pac::Interrupt::TIM5);
+        peripherals
+    })
+}
+
+/// Starts all tasks and stays in the lowest of the executors.
+pub(crate) fn run(
+    parts: Parts,
+    controller: &'static mut Controller,
+    parameters: &Parameters,
+    start: Start,
+    log_number: u32,
+) -> ! {
+    interrupt::DCMI.set_priority(Priority::P6);
+    interrupt::CAN2_SCE.set_priority(Priority::P7);
+    let header = tasks::log::header(parameters);
+
+    let middle = MIDDLE.start(interrupt::CAN2_SCE);
+    middle.spawn(tasks::supervisor::supervise(parts.watchdog, parts.leds).unwrap());
+    middle.spawn(tasks::store::keep(parts.store).unwrap());
+    middle.spawn(tasks::imu::watch(parts.imu).unwrap());
+    // LINK
+    middle.spawn(tasks::sensors::measure(parts.range_bus, parts.hub, parameters.ranges).unwrap());
+    let above = ABOVE.start(interrupt::DCMI);
+    above.spawn(tasks::control::control(controller, parts.rig).unwrap());
+    let below = BELOW.init(Executor::new());
+    below.run(|spawner| {
+        spawner.spawn(tasks::log::write(parts.card, header, start, log_number, parts.held).unwrap());
+    })
+}

@@ -1,0 +1,69 @@
+//! What must survive a loss of power: parameters and the flight's state, in the FRAM.
+
+use adit_firmware::drivers::fram::Fram;
+use adit_firmware::health::Task;
+use adit_firmware::store::{FlightState, FlightStore, ParameterStore, Stored};
+use adit_protocol::parameters::Parameters;
+use embassy_time::{Duration, with_timeout};
+
+use crate::blackboard::{CHECK_INS, COUNTED, Counted, notify, now_us};
+use crate::pins::FramSpi;
+
+/// It reports at least this often.
+const PERIOD: Duration = Duration::from_millis(100);
+
+/// The memory and what is in it.
+pub(crate) struct Store {
+    fram: Fram<FramSpi>,
+    flight: FlightState,
+}
+
+impl Store {
+    pub(crate) fn new(fram: Fram<FramSpi>) -> Self {
+        Self { fram, flight: FlightState::default() }
+    }
+
+    /// Reads both at the start, counts the start, and says what is amiss.
+    pub(crate) fn load(&mut self) -> (Parameters, FlightState) {
+        let trouble = match ParameterStore::load(&mut self.fram) {
+            Ok(Stored::Loaded { value, .. }) => return (value.parameters, self.load_flight()),
+            Ok(Stored::Empty) => "none stored",
+            Ok(Stored::Corrupt) => "both copies damaged",
+            Ok(Stored::OtherVersion { .. }) => "of another version",
+            Err(_) => "FRAM silent",
+        };
+        notify(format_args!("default parameters: {trouble}"));
+        (Parameters::default(), self.load_flight())
+    }
+
+    fn load_flight(&mut self) -> FlightState {
+        let stored = FlightStore::load(&mut self.fram).ok().and_then(Stored::value);
+        self.flight = stored.unwrap_or_default();
+        self.flight.starts = self.flight.starts.wrapping_add(1);
+        self.save();
+        self.flight
+    }
+
+    fn save(&mut self) {
+        if FlightStore::save(&mut self.fram, &self.flight).is_err() {
+            defmt::error!("FRAM does not take the flight's state");
+        }
+    }
+}
+
+/// Keeps the numbers of the last capture and of the log file.
+#[embassy_executor::task]
+pub(crate) async fn keep(mut store: Store) -> ! {
+    loop {
+        CHECK_INS.report(Task::Store, now_us());
+        let Ok(counted) = with_timeout(PERIOD, COUNTED.receive()).await else { continue };
+        let number = match counted {
+            Counted::Capture(_) => &mut store.flight.last_capture,
+            Counted::LogFile(_) => &mut store.flight.log_number,
+        };
+        let (Counted::Capture(new) | Counted::LogFile(new)) = counted;
+        if core::mem::replace(number, new) != new {
+            store.save();
+        }
+    }
+}
