@@ -12,7 +12,7 @@ use adit_hil_sim::flight::Board;
 use adit_hil_sim::plant::vehicle::VehicleState;
 use adit_hil_sim::seed::{Random, Stream};
 use adit_protocol::beams::Beams;
-use adit_protocol::parameters::{Parameters, RangeBus, ServoParameters};
+use adit_protocol::parameters::{Parameters, RangeBus};
 use rigless::image::Image;
 
 use crate::equipment::Equipment;
@@ -65,7 +65,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// An empty FRAM, an empty formatted card, no faults.
+    /// A FRAM without parameters, an empty formatted card, no faults.
     ///
     /// # Errors
     /// [`VolumeError`] if the card cannot be formatted.
@@ -103,9 +103,6 @@ pub struct EmulatedBoard {
     pins: Pins,
     now_ns: u64,
     epoch_ns: u64,
-    turned_rad: f32,
-    servo: ServoParameters,
-    slew_radps: f32,
     accounts: Vec<Accounts>,
     power_ups: Vec<Restart>,
 }
@@ -149,9 +146,6 @@ impl EmulatedBoard {
             pins: Pins::default(),
             now_ns: 0,
             epoch_ns: 0,
-            turned_rad: 0.0,
-            servo: parameters.shaft.servo,
-            slew_radps: parameters.shaft.slew_radps,
             accounts: Vec::new(),
             power_ups: Vec::new(),
         })
@@ -278,23 +272,11 @@ impl EmulatedBoard {
         };
     }
 
-    /// The shaft's angle as the pulses have commanded it: width commands speed.
-    fn turn(&mut self, dt_s: f32) {
-        if let Some(pulse_us) = self.pins.servo_pulse_us {
-            let share = ((pulse_us - self.servo.neutral_us) / self.servo.full_us).clamp(-1.0, 1.0);
-            let speed_radps = share * self.slew_radps;
-            if speed_radps.abs() >= self.servo.slowest_radps {
-                self.turned_rad += speed_radps * dt_s;
-            }
-        }
-    }
-
     fn outputs(&self) -> Outputs {
         let heard = &self.link.heard;
         let unknown = CentringStatus { offset_m: [0.0; 2], sigma_m: [0.0; 2], used: Beams::default() };
         Outputs {
             mode: heard.mode,
-            shaft_setpoint_rad: self.turned_rad,
             servo_pulse_us: self.pins.servo_pulse_us,
             shutter: self.pins.shutter,
             light_level: self.pins.light_level,
@@ -312,10 +294,8 @@ impl Board for EmulatedBoard {
 
     fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs {
         let until_ns = now_us * 1000;
-        let dt_s = until_ns.saturating_sub(self.now_ns) as f32 * 1e-9;
         self.heard_now = Default::default();
         self.advance(until_ns);
-        self.turn(dt_s);
         self.link.hear(&self.heard_now[TELEM1]);
         if let Some(hub) = &mut self.hub {
             hub.hear(&self.heard_now[HUB]);
