@@ -157,6 +157,9 @@ impl Lockstep {
         machine.sabotage(step.broken.sabotage);
         if let Some(card) = machine.card() {
             card.defects = step.broken.card;
+            if self.broken.card_pulled && !step.broken.card_pulled {
+                card.insert();
+            }
         }
         for blow in step.blows {
             self.strike(blow, session, host);
