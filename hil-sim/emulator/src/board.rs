@@ -7,14 +7,12 @@
 
 use std::path::Path;
 
-use adit_firmware::drivers::memory::Memory;
 use adit_firmware::io::{CentringStatus, Inputs, Outputs};
-use adit_firmware::store::{ParameterStore, StoreError};
-use adit_hil_sim::flight::Board;
+use adit_hil_sim::flight::{Board, BoardError};
 use adit_hil_sim::plant::vehicle::VehicleState;
 use adit_hil_sim::seed::{Random, Stream};
 use adit_protocol::beams::Beams;
-use adit_protocol::parameters::{Parameters, RangeBus, ServoParameters};
+use adit_protocol::parameters::{Parameters, RangeBus};
 use rigless::image::Image;
 
 use crate::equipment::Equipment;
@@ -48,9 +46,6 @@ pub enum EmulatorError {
     /// The card.
     #[error(transparent)]
     Volume(#[from] VolumeError),
-    /// The parameters.
-    #[error("the FRAM does not take the parameters: {0:?}")]
-    Parameters(StoreError<OutOfRange>),
     /// The run.
     #[error(transparent)]
     Run(#[from] RunError),
@@ -69,41 +64,8 @@ pub struct Setup {
     pub seed: u64,
 }
 
-/// The FRAM's bytes before it is fitted.
-struct FramBytes(Vec<u8>);
-
-impl Memory for FramBytes {
-    type Error = OutOfRange;
-
-    fn read(&mut self, address: u16, bytes: &mut [u8]) -> Result<(), OutOfRange> {
-        let from = usize::from(address);
-        bytes.copy_from_slice(self.0.get(from..from + bytes.len()).ok_or(OutOfRange)?);
-        Ok(())
-    }
-
-    fn write(&mut self, address: u16, bytes: &[u8]) -> Result<(), OutOfRange> {
-        let from = usize::from(address);
-        self.0.get_mut(from..from + bytes.len()).ok_or(OutOfRange)?.copy_from_slice(bytes);
-        Ok(())
-    }
-}
-
-/// An address beyond the FRAM's end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OutOfRange;
-
 impl Setup {
-    /// As [`Self::new`], with these parameters in the FRAM, as the board itself would have stored them.
-    ///
-    /// # Errors
-    /// [`EmulatorError::Volume`] if the card cannot be formatted, [`EmulatorError::Parameters`] if they do not fit.
-    pub fn with_parameters(seed: u64, parameters: &Parameters) -> Result<Self, EmulatorError> {
-        let mut fram = FramBytes(vec![0; FRAM_BYTES]);
-        ParameterStore::save(&mut fram, parameters).map_err(EmulatorError::Parameters)?;
-        Ok(Self { fram: fram.0, ..Self::new(seed)? })
-    }
-
-    /// An empty FRAM, an empty formatted card, no faults.
+    /// A FRAM without parameters, an empty formatted card, no faults.
     ///
     /// # Errors
     /// [`VolumeError`] if the card cannot be formatted.
@@ -141,9 +103,6 @@ pub struct EmulatedBoard {
     pins: Pins,
     now_ns: u64,
     epoch_ns: u64,
-    turned_rad: f32,
-    servo: ServoParameters,
-    slew_radps: f32,
     accounts: Vec<Accounts>,
     power_ups: Vec<Restart>,
 }
@@ -187,9 +146,6 @@ impl EmulatedBoard {
             pins: Pins::default(),
             now_ns: 0,
             epoch_ns: 0,
-            turned_rad: 0.0,
-            servo: parameters.shaft.servo,
-            slew_radps: parameters.shaft.slew_radps,
             accounts: Vec::new(),
             power_ups: Vec::new(),
         })
@@ -316,23 +272,11 @@ impl EmulatedBoard {
         };
     }
 
-    /// The shaft's angle as the pulses have commanded it: width commands speed.
-    fn turn(&mut self, dt_s: f32) {
-        if let Some(pulse_us) = self.pins.servo_pulse_us {
-            let share = ((pulse_us - self.servo.neutral_us) / self.servo.full_us).clamp(-1.0, 1.0);
-            let speed_radps = share * self.slew_radps;
-            if speed_radps.abs() >= self.servo.slowest_radps {
-                self.turned_rad += speed_radps * dt_s;
-            }
-        }
-    }
-
     fn outputs(&self) -> Outputs {
         let heard = &self.link.heard;
         let unknown = CentringStatus { offset_m: [0.0; 2], sigma_m: [0.0; 2], used: Beams::default() };
         Outputs {
             mode: heard.mode,
-            shaft_setpoint_rad: self.turned_rad,
             servo_pulse_us: self.pins.servo_pulse_us,
             shutter: self.pins.shutter,
             light_level: self.pins.light_level,
@@ -348,12 +292,10 @@ impl Board for EmulatedBoard {
         self.equipment.feel(now_us, vehicle);
     }
 
-    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs {
+    fn step(&mut self, now_us: u64, inputs: &Inputs) -> Result<Outputs, BoardError> {
         let until_ns = now_us * 1000;
-        let dt_s = until_ns.saturating_sub(self.now_ns) as f32 * 1e-9;
         self.heard_now = Default::default();
         self.advance(until_ns);
-        self.turn(dt_s);
         self.link.hear(&self.heard_now[TELEM1]);
         if let Some(hub) = &mut self.hub {
             hub.hear(&self.heard_now[HUB]);
@@ -361,7 +303,7 @@ impl Board for EmulatedBoard {
         self.inputs = *inputs;
         let bytes = self.link.say(now_us, inputs);
         self.said[TELEM1].extend(bytes);
-        self.outputs()
+        Ok(self.outputs())
     }
 }
 

@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use adit_emulator::{EmulatedBoard, Report, Setup, log_of};
+use adit_emulator::{EmulatedBoard, Report, Setup, log_of, provisioned_fram};
 use adit_hil_sim::check;
 use adit_hil_sim::command::{Left, MissionFile, figures_text, prepare};
 use adit_hil_sim::flight::fly_board;
@@ -96,7 +96,7 @@ fn run(arguments: &FlyArguments) -> Result<bool> {
     prepare(&arguments.out, arguments.force)?;
 
     let parameters = file.mission.parameters();
-    let setup = Setup::with_parameters(file.seed, &parameters)?;
+    let setup = Setup { fram: provisioned_fram(&parameters)?, ..Setup::new(file.seed)? };
     let mut board = EmulatedBoard::new(image, &parameters, setup)?;
     let mut flight = fly_board(&mut board, &file.mission, &file.simulation, file.seed)
         .with_context(|| format!("mission {}", file.path.display()))?;

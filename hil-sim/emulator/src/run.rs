@@ -12,6 +12,7 @@ use rigless::session::Session;
 use rigless::time::VirtualNanos;
 
 use crate::machine::{CardDefects, Chips, LINES, Machine, Pins, Sabotage, Sensed, SerialLine};
+use crate::mend::mend;
 use crate::report::Accounts;
 
 /// Registers of I2C1 and USART2, RM0090 rev 21 table 1, in one stretch.
@@ -156,6 +157,9 @@ impl Lockstep {
         machine.sabotage(step.broken.sabotage);
         if let Some(card) = machine.card() {
             card.defects = step.broken.card;
+            if self.broken.card_pulled && !step.broken.card_pulled {
+                card.insert();
+            }
         }
         for blow in step.blows {
             self.strike(blow, session, host);
@@ -187,8 +191,11 @@ impl Lockstep {
 impl Driver<Machine> for Lockstep {
     fn on_settled(&mut self, session: &mut Session<Machine>, host: &mut dyn Host, settled: Settled) {
         match settled {
-            Settled::Access { access, .. } if SABOTAGED.contains(&access.address) => {
-                session.board_mut().sabotage(self.broken.sabotage);
+            Settled::Access { access, value } => {
+                mend(session, host, access, value);
+                if SABOTAGED.contains(&access.address) {
+                    session.board_mut().sabotage(self.broken.sabotage);
+                }
             }
             // The watchdog has bitten: the core goes on from its reset vector.
             Settled::Stop(_) if self.hanging_since.is_some_and(|resets| session.resets().len() > resets) => {

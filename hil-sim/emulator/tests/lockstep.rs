@@ -37,7 +37,7 @@ fn board(faults: &[BoardFault]) -> EmulatedBoard {
 /// Flies `steps` steps with the camera busy in every second tenth of a second; returns the outputs and the report.
 fn fly(faults: &[BoardFault], steps: u64) -> (Vec<Outputs>, Report) {
     let mut board = board(faults);
-    let outputs = (0..steps).map(|step| board.step(step * STEP_US, &busy_inputs(step))).collect();
+    let outputs = (0..steps).map(|step| board.step(step * STEP_US, &busy_inputs(step)).expect("a step")).collect();
     (outputs, board.finish().expect("a report"))
 }
 

@@ -110,6 +110,11 @@ impl SdCard {
         *self = Self { journal, epoch_ns, defects: self.defects, ..Self::new(image) };
     }
 
+    /// The card after it was put into the slot: it knows nothing of what it was told before.
+    pub(crate) fn insert(&mut self) {
+        self.power_up(self.epoch_ns);
+    }
+
     /// Leaves no room on the card; one without volume takes nothing any more.
     pub(crate) fn fill(&mut self) {
         if self.image.fill().is_err() {
@@ -120,6 +125,11 @@ impl SdCard {
     fn answer(&mut self, index: u8, argument: u32, now_ns: u64) -> Answer {
         self.now_ns = now_ns;
         if self.state == State::Programming && now_ns >= self.programmed_ns {
+            self.state = State::Transfer;
+        }
+        // A single block goes out whether or not anyone takes it.
+        if self.state == State::Sending && self.streaming.is_none_or(|(_, multiple)| !multiple) {
+            self.streaming = None;
             self.state = State::Transfer;
         }
         let application = std::mem::take(&mut self.application);
@@ -362,6 +372,17 @@ mod tests {
         let Answer::Short(word) = card.answer(command::READ_SINGLE_BLOCK, 8192, 0) else { panic!() };
         assert_ne!(word & OUT_OF_RANGE, 0);
         assert_eq!(card.give(&mut [0; BLOCK]), Outcome::Ended);
+    }
+
+    #[test]
+    fn a_card_put_back_must_be_identified_again() {
+        let mut card = selected(8192);
+        card.answer(command::WRITE_BLOCK, 5, 0);
+        card.take(&[7; BLOCK]);
+        card.insert();
+        card.answer(command::READ_SINGLE_BLOCK, 5, 1_000_000);
+        assert_eq!(card.give(&mut [0; BLOCK]), Outcome::Ended);
+        assert_eq!((card.image.block(5)[0], card.journal.len()), (7, 1), "what is on it stays");
     }
 
     #[test]

@@ -25,7 +25,7 @@ use rigless::machine::{Board, Target};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
 use rigless::soc::stm32f427::Stm32f427;
-use rigless::soc::stm32f427::generated::{i2c3, usart6};
+use rigless::soc::stm32f427::generated::{i2c3, sdio, usart6};
 use rigless::soc::stm32f427::peripherals::gpio::Gpio;
 use rigless::time::VirtualNanos;
 
@@ -292,6 +292,14 @@ impl Machine {
     pub(crate) fn pull_card(&mut self, pulled: bool) {
         // It answers whether there is a card to silence, and there is.
         let _ = self.mcu.sdio.silence(pulled);
+    }
+
+    /// The card interface's data path as it was enabled, if it is to read and no word has come yet.
+    pub(crate) fn card_path_waiting(&mut self) -> Option<u64> {
+        let (_, registers) = self.mcu.cards();
+        let reading = sdio::sta::RXACT.is_set(registers.get(sdio::Register::Sta));
+        let untouched = registers.get(sdio::Register::Dcount) == registers.get(sdio::Register::Dlen);
+        (reading && untouched).then(|| registers.get(sdio::Register::Dctrl))
     }
 
     /// Breaks registers, as [`Sabotage`] says.
