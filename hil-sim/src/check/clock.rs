@@ -25,7 +25,7 @@ pub(super) fn tags_into_flight_time(log: &mut FlightLog, restarts_s: &[f64]) {
 mod tests {
     use adit_protocol::log::Session;
     use adit_protocol::record::{Event, StartCause};
-    use adit_protocol::tag::{CaptureState, CaptureTag, TagFlags};
+    use adit_protocol::tag::{CaptureState, CaptureTag, Ranges, TagFlags};
 
     use super::*;
 
@@ -36,7 +36,7 @@ mod tests {
             state: CaptureState::Commanded,
             time_us,
             shaft_rad: 0.0,
-            ranges: Default::default(),
+            ranges: Ranges::default(),
             range_head_m: None,
             odometer_m: None,
             attitude_rad: None,
