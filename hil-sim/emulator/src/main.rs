@@ -103,6 +103,7 @@ fn run(arguments: &FlyArguments) -> Result<bool> {
     let board = board.finish()?;
     let log = log_of(&board)?;
     flight.entries = log.entries;
+    flight.restarts_s = board.restarts.iter().map(|restart| restart.at_ns as f64 * 1e-9).collect();
     let report = file.check(&flight, &log.bytes)?;
     let left =
         Left { program: PROGRAM, flight: &flight, log: &log.bytes, report: &report, photos: !arguments.no_photos };

@@ -14,6 +14,7 @@
 
 mod bound;
 mod captures;
+mod clock;
 mod coverage;
 mod limits;
 mod report;
@@ -33,6 +34,7 @@ pub use table::BoundTable;
 use crate::flight::{Flight, Moment, Outcome};
 use crate::world::Exposure;
 use captures::{check_captures, seconds};
+use clock::tags_into_flight_time;
 use limits::{check_limits, check_steps};
 
 /// By so much the limit may lie above the bound at the true place: rounding of places to the table's grid, the vehicle's
@@ -44,13 +46,15 @@ const CELL_M: f64 = 0.05;
 
 /// Judges a flight and the log it left.
 pub fn check(flight: &Flight, log: &[u8], mission: &Mission, bounds: &mut BoundTable) -> Report {
-    let decoded = FlightLog::from_bytes(log);
+    let mut decoded = FlightLog::from_bytes(log);
+    tags_into_flight_time(&mut decoded, &flight.restarts_s);
     let tags: Vec<&CaptureTag> = decoded.tags().collect();
     let mut violations = Vec::new();
     let limit_use = check_limits(flight, mission, bounds, &mut violations);
     let longest_step = check_steps(flight, bounds, &mut violations);
     let pairs = check_captures(flight, &tags, &mut violations);
-    let torn = usize::from(flight.outcome == Outcome::PowerLost);
+    // Whatever stops the board may tear the record it is writing.
+    let torn = usize::from(flight.outcome == Outcome::PowerLost) + flight.restarts_s.len();
     let damaged = decoded.damage.len() + decoded.conflicts.len();
     if damaged > torn {
         violations.push(Violation::LogDamaged { places: damaged });

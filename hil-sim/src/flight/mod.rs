@@ -127,6 +127,8 @@ pub struct Flight {
     pub wall: Wall,
     /// What the board wrote to its log.
     pub entries: Vec<Entry>,
+    /// Times at which the board started again; its clock begins anew there.
+    pub restarts_s: Vec<f64>,
     /// Every photo that was taken, in order of time.
     pub exposures: Vec<Exposure>,
     /// Times at which the shutter contact was closed.
@@ -178,6 +180,7 @@ pub fn fly_board(
         true_rig: *world.true_rig(),
         wall,
         entries: Vec::new(),
+        restarts_s: Vec::new(),
         exposures: Vec::new(),
         presses_s: Vec::new(),
         moments: Vec::new(),
