@@ -15,6 +15,7 @@ mod mend;
 mod provision;
 mod report;
 mod run;
+pub mod serve;
 mod vehicle_link;
 
 pub use board::{EmulatedBoard, EmulatorError, Setup};

@@ -2,9 +2,10 @@
 //!
 //! Exit codes: 0 done, 1 the flight broke a rule that must hold, 2 could not run.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use adit_emulator::serve::{Ports, serve};
 use adit_emulator::{EmulatedBoard, Report, Setup, log_of, provisioned_fram};
 use adit_hil_sim::check;
 use adit_hil_sim::command::{Left, MissionFile, figures_text, prepare};
@@ -29,6 +30,27 @@ struct Cli {
 enum Verb {
     /// Fly a mission; writes board.log, DCIM/, truth/ and flight.json.
     Fly(FlyArguments),
+    /// Run the board with its telemetry ports as pseudo-terminals, for programs that talk to a board.
+    Serve(ServeArguments),
+}
+
+#[derive(Args)]
+struct ServeArguments {
+    /// The flash image (ELF).
+    #[arg(long, default_value = IMAGE)]
+    image: PathBuf,
+    /// Mission whose parameters lie in the board's memory; default: the memory is empty.
+    #[arg(long)]
+    mission: Option<PathBuf>,
+    /// Link to make to the terminal of TELEM1 (MAVLink).
+    #[arg(long, value_name = "LINK")]
+    telem1: Option<PathBuf>,
+    /// Link to make to the terminal of TELEM2 (a simulator, with the image of `cargo xtask flash --hil`).
+    #[arg(long, value_name = "LINK")]
+    telem2: Option<PathBuf>,
+    /// Stop after so many seconds of the board's time; default: run until stopped.
+    #[arg(long)]
+    seconds: Option<f64>,
 }
 
 #[derive(Args)]
@@ -75,8 +97,11 @@ struct BoardFigures<'r> {
 }
 
 fn main() -> ExitCode {
-    let Cli { command: Verb::Fly(arguments) } = Cli::parse();
-    match run(&arguments) {
+    let outcome = match Cli::parse().command {
+        Verb::Fly(arguments) => run(&arguments),
+        Verb::Serve(arguments) => run_served(&arguments),
+    };
+    match outcome {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(1),
         Err(error) => {
@@ -86,13 +111,34 @@ fn main() -> ExitCode {
     }
 }
 
+fn must_exist(image: &Path) -> Result<()> {
+    if !image.exists() {
+        bail!("no flash image at {}; build it with: cargo xtask flash --build-only", image.display());
+    }
+    Ok(())
+}
+
+fn run_served(arguments: &ServeArguments) -> Result<bool> {
+    must_exist(&arguments.image)?;
+    let mission = arguments.mission.as_ref().map(|path| MissionFile::read(path, None)).transpose()?;
+    let parameters = mission.map(|file| file.mission.parameters());
+    let fram = parameters.as_ref().map(provisioned_fram).transpose()?.unwrap_or_default();
+    let setup = Setup { fram, ..Setup::new(1)? };
+    let mut board = EmulatedBoard::new(&arguments.image, &parameters.unwrap_or_default(), setup)?;
+    let ports = Ports { telem1: arguments.telem1.clone(), telem2: arguments.telem2.clone() };
+    serve(&mut board, &ports, arguments.seconds, || eprintln!("ready"))?;
+    let report = board.finish()?;
+    for restart in &report.restarts {
+        eprintln!("restarted: {:?} at {:.3} s", restart.cause, restart.at_ns as f64 / 1e9);
+    }
+    Ok(report.gaps.is_empty())
+}
+
 fn run(arguments: &FlyArguments) -> Result<bool> {
     let file = MissionFile::read(&arguments.mission, arguments.seed)?;
     eprintln!("seed {}", file.seed);
     let image = &arguments.image;
-    if !image.exists() {
-        bail!("no flash image at {}; build it with: cargo xtask flash --build-only", image.display());
-    }
+    must_exist(image)?;
     prepare(&arguments.out, arguments.force)?;
 
     let parameters = file.mission.parameters();
