@@ -6,7 +6,7 @@
 //! | message | when |
 //! |---|---|
 //! | answer to a command | at once |
-//! | heartbeat | once a second, but only while the controller steps: a stalled board falls silent |
+//! | heartbeat | once a second and when the mode changes, but only while the controller steps: a stalled board falls silent |
 //! | `DO_CHANGE_SPEED` | when the limit has changed by 1 cm/s, at most 5 times a second; once a second while a limit stands |
 //! | text | changes of mode, and whatever [`Link::say`] was told |
 //! | `DISTANCE_SENSOR` | each of the four 5 times a second |
@@ -133,7 +133,7 @@ struct Due {
 impl Link {
     /// A link on which nothing was heard yet.
     pub fn new(parameters: &Parameters) -> Self {
-        let axis_yaw_rad = parameters.link.axis_yaw_rad.filter(|yaw_rad| yaw_rad.is_finite());
+        let axis_yaw_rad = parameters.link.axis_yaw_rad.filter(ComplexField::is_finite);
         Self {
             decoder: FrameDecoder::default(),
             // Number 1 is what every autopilot leaves the factory with.
@@ -180,19 +180,19 @@ impl Link {
                 self.sender.set_system(frame.system);
                 self.heartbeat_us = Some(now_us);
             }
-            Incoming::Attitude { angles_rad } if from_autopilot && angles_rad.iter().all(|angle| angle.is_finite()) => {
+            Incoming::Attitude { angles_rad } if from_autopilot && angles_rad.iter().all(ComplexField::is_finite) => {
                 self.attitude = Some((angles_rad, now_us));
             }
             Incoming::LocalPosition { position_m: [north_m, east_m, _], velocity_mps: [vn_mps, ve_mps, _] }
-                if from_autopilot && [north_m, east_m, vn_mps, ve_mps].iter().all(|value| value.is_finite()) =>
+                if from_autopilot && [north_m, east_m, vn_mps, ve_mps].iter().all(ComplexField::is_finite) =>
             {
                 self.position = Some((([north_m, east_m], [vn_mps, ve_mps]), now_us));
             }
-            Incoming::Command { target, command, confirmation, parameters: [first, ..] } => {
-                // Arming is also the autopilot's business: what is for everybody is for it.
-                if target == [self.system.unwrap_or(1), BOARD_COMPONENT] {
-                    self.obey(now_us, command, confirmation, first);
-                }
+            // Arming is also the autopilot's business: what is for everybody is for it.
+            Incoming::Command { target, command, confirmation, parameters: [first, ..] }
+                if target == [self.system.unwrap_or(1), BOARD_COMPONENT] =>
+            {
+                self.obey(now_us, command, confirmation, first);
             }
             _ => {}
         }
@@ -258,13 +258,14 @@ impl Link {
     pub fn note(&mut self, now_us: u64, outputs: &Outputs, ranges_m: [Option<f32>; 4], diagnosis: Diagnosis) {
         if self.shown.stepped_us.is_some() && self.shown.mode != outputs.mode {
             self.announce(outputs.mode);
+            self.due.heartbeat_us = None;
         }
         let display = &outputs.display;
         let [offset_y_m, offset_z_m] = outputs.centring.map_or([None; 2], |centring| centring.offset_m.map(Some));
         self.shown = Shown {
             stepped_us: Some(now_us),
             mode: outputs.mode,
-            limit_mps: outputs.speed_limit_mps.filter(|limit_mps| limit_mps.is_finite()).map(|limit| limit.max(0.0)),
+            limit_mps: outputs.speed_limit_mps.filter(ComplexField::is_finite).map(|limit| limit.max(0.0)),
             ranges_m,
             figures: [
                 offset_y_m,

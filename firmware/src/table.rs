@@ -26,7 +26,6 @@ pub struct StepTable {
 
 /// What the camera sees, as far as it is known.
 #[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "no allocation on the board, which holds one at a time")]
 enum View {
     /// Being found out.
     Survey(FootprintSurvey<f32>),

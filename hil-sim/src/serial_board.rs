@@ -16,8 +16,8 @@ use crate::flight::{Board, BoardError};
 
 /// A question that is not answered within this is asked again: bytes get lost where a line is plugged in.
 const ANSWER: Duration = Duration::from_millis(500);
-/// So often, then the board counts as gone.
-const ATTEMPTS: u32 = 5;
+/// So often, then the board counts as gone: ten seconds, for a board that has just been plugged in must boot first.
+const ATTEMPTS: u32 = 20;
 /// One read waits no longer than this.
 const READ: Duration = Duration::from_millis(20);
 

@@ -3,8 +3,8 @@
 //! | file | for |
 //! |---|---|
 //! | `rotator.elf` | a debugger, and the emulator: code and symbols as linked |
-//! | `rotator.bin` | the raw bytes from 0x0800_4000 on |
-//! | `rotator.hex` | the same as Intel HEX, with addresses: a probe, STM32CubeProgrammer |
+//! | `rotator.bin` | the raw bytes from `0x0800_4000` on |
+//! | `rotator.hex` | the same as Intel HEX, with addresses: a probe, `STM32CubeProgrammer` |
 //! | `rotator.apj` | the board's PX4/ArduPilot bootloader by USB: QGroundControl, Mission Planner, `uploader.py` |
 //!
 //! In the last three the application descriptor is filled in, which newer ArduPilot bootloaders check (`ArduPilot`
@@ -83,7 +83,7 @@ pub(crate) struct Size {
     pub(crate) ram_bytes: u64,
 }
 
-/// Builds the image and returns its ELF file, `target/image/STEM.elf`.
+/// Builds the image and returns its ELF file, `target/image/STEM.elf`; beside it `instructions.elf`, which measures costs.
 pub(crate) fn build(kind: Kind) -> Result<PathBuf> {
     run(
         "cargo",
@@ -96,19 +96,28 @@ pub(crate) fn build(kind: Kind) -> Result<PathBuf> {
             "adit-firmware",
             "--bin",
             "rotator",
+            "--bin",
+            "instructions",
             "--features",
             kind.feature(),
             "--target",
             BOARD,
         ],
     )?;
-    let built = top().join("target").join(BOARD).join("flash/rotator");
     let elf = kind.elf();
-    if let Some(folder) = elf.parent() {
+    keep("rotator", &elf)?;
+    keep("instructions", &elf.with_file_name("instructions.elf"))?;
+    Ok(elf)
+}
+
+/// Puts what was built where nothing else overwrites it.
+fn keep(binary: &str, as_file: &Path) -> Result<()> {
+    let built = top().join("target").join(BOARD).join("flash").join(binary);
+    if let Some(folder) = as_file.parent() {
         fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
-    fs::copy(&built, &elf).with_context(|| format!("cannot copy {} to {}", built.display(), elf.display()))?;
-    Ok(elf)
+    fs::copy(&built, as_file).with_context(|| format!("cannot copy {} to {}", built.display(), as_file.display()))?;
+    Ok(())
 }
 
 /// Measures an ELF file by its sections.
@@ -190,7 +199,7 @@ fn intel_hex(image: &[u8]) -> Result<String> {
     let mut records = Vec::new();
     for (index, chunk) in image.chunks(32).enumerate() {
         let address = FLASH_START + index as u32 * 32;
-        if index == 0 || address % 0x1_0000 == 0 {
+        if index == 0 || address.is_multiple_of(0x1_0000) {
             records.push(ihex::Record::ExtendedLinearAddress((address >> 16) as u16));
         }
         records.push(ihex::Record::Data { offset: address as u16, value: chunk.to_vec() });

@@ -2,10 +2,14 @@
 
 use anyhow::{Result, bail};
 
+use crate::image::{self, Kind};
 use crate::shell::{output, run, run_with};
+use crate::{flash, image::build};
 
 /// The rotator board's target.
 pub(crate) const BOARD: &str = "thumbv7em-none-eabihf";
+/// The emulator's runtime asks for a newer compiler than it needs.
+const EMULATOR: [&str; 4] = ["--locked", "--ignore-rust-version", "--package", "adit-emulator"];
 
 /// Installs what is missing and says so.
 pub(crate) fn setup() -> Result<()> {
@@ -27,18 +31,29 @@ pub(crate) fn setup() -> Result<()> {
     Ok(())
 }
 
-/// Board build, then all tests.
+/// The flash images and their budget, then all tests, those that fly the image on the emulated board last.
 pub(crate) fn test() -> Result<()> {
     setup()?;
-    run("cargo", &["build", "--locked", "--package", "adit-firmware", "--lib", "--target", BOARD])?;
-    run("cargo", &["test", "--locked", "--workspace"])
+    build(Kind::Hil)?;
+    flash::size()?;
+    image::write_forms(&Kind::Flight.elf())?;
+    run("cargo", &["test", "--locked"])?;
+    run("cargo", &[&["test"], &EMULATOR[..]].concat())
 }
 
 /// Format, lints, docs, then [`test()`].
 pub(crate) fn ci() -> Result<()> {
     setup()?;
+    let strict = ["--", "--deny", "warnings"];
     run("cargo", &["fmt", "--all", "--check"])?;
-    run("cargo", &["clippy", "--locked", "--workspace", "--all-targets", "--", "--deny", "warnings"])?;
-    run_with("cargo", &["doc", "--locked", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "--deny warnings")])?;
+    run("cargo", &[&["clippy", "--locked", "--all-targets"], &strict[..]].concat())?;
+    run("cargo", &[&["clippy", "--all-targets"], &EMULATOR[..], &strict].concat())?;
+    for features in ["board", "hil"] {
+        let board = ["--locked", "--profile", "flash", "--package", "adit-firmware", "--bins", "--target", BOARD];
+        run("cargo", &[&["clippy", "--features", features], &board[..], &strict].concat())?;
+    }
+    let deny = [("RUSTDOCFLAGS", "--deny warnings")];
+    run_with("cargo", &["doc", "--locked", "--no-deps"], &deny)?;
+    run_with("cargo", &[&["doc", "--no-deps"], &EMULATOR[..]].concat(), &deny)?;
     test()
 }

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod board;
+pub mod costs;
 mod equipment;
 mod faults;
 mod hub;

@@ -126,7 +126,13 @@ fn run_served(arguments: &ServeArguments) -> Result<bool> {
     let setup = Setup { fram, ..Setup::new(1)? };
     let mut board = EmulatedBoard::new(&arguments.image, &parameters.unwrap_or_default(), setup)?;
     let ports = Ports { telem1: arguments.telem1.clone(), telem2: arguments.telem2.clone() };
-    serve(&mut board, &ports, arguments.seconds, || eprintln!("ready"))?;
+    let mut announced = false;
+    serve(&mut board, &ports, |now_s| {
+        if !std::mem::replace(&mut announced, true) {
+            eprintln!("ready");
+        }
+        arguments.seconds.is_none_or(|seconds| now_s < seconds)
+    })?;
     let report = board.finish()?;
     for restart in &report.restarts {
         eprintln!("restarted: {:?} at {:.3} s", restart.cause, restart.at_ns as f64 / 1e9);

@@ -74,20 +74,20 @@ impl Drop for Terminal {
     }
 }
 
-/// Runs the board for `seconds` of virtual time, or until it is stopped; `ready` is called when the ports are there.
+/// Runs the board while `goes_on` says so, which is asked before each step with the board's time in seconds, and for the first
+/// time when the ports are there.
 ///
 /// # Errors
 /// If a terminal cannot be made or breaks, or the emulator fails.
-pub fn serve(board: &mut EmulatedBoard, ports: &Ports, seconds: Option<f64>, ready: impl FnOnce()) -> Result<()> {
+pub fn serve(board: &mut EmulatedBoard, ports: &Ports, mut goes_on: impl FnMut(f64) -> bool) -> Result<()> {
     let open = |link: &Option<PathBuf>| link.as_deref().map(Terminal::new).transpose();
     let (mut telem1, mut telem2) = (open(&ports.telem1)?, open(&ports.telem2)?);
-    ready();
     let began = Instant::now();
     // How far virtual time has run ahead in all.
     let mut ahead = Duration::ZERO;
     let mut now = Duration::ZERO;
     let mut talking_until = Duration::ZERO;
-    while seconds.is_none_or(|seconds| now.as_secs_f64() < seconds) {
+    while goes_on(now.as_secs_f64()) {
         if let Some(terminal) = &mut telem1 {
             board.say_on_telem1(&terminal.read()?);
         }

@@ -16,7 +16,7 @@ use crate::clocks::{self, ClockSource};
 use crate::pins::CameraPins;
 #[cfg(feature = "hil")]
 use crate::pins::SimulatorParts;
-use crate::pins::{CardParts, Held, HubParts, ImuSpi, Leds, LinkParts, RangeBusParts, Rig};
+use crate::pins::{CardParts, HubParts, ImuSpi, Leds, LinkParts, RangeBusParts, Rig};
 use crate::tasks;
 use crate::tasks::store::Store;
 
@@ -51,7 +51,6 @@ pub(crate) struct Parts {
     pub(crate) card: CardParts,
     pub(crate) imu: ImuSpi,
     pub(crate) leds: Leds,
-    pub(crate) held: Held,
     pub(crate) watchdog: IndependentWatchdog<'static, IWDG>,
     pub(crate) store: Store,
 }
@@ -63,7 +62,7 @@ pub(crate) fn init_clocks(source: ClockSource) -> Peripherals {
         let peripherals = embassy_stm32::init(config);
         // The time driver leaves compare flags set that rose while its counter stood at zero; taken for a wrapped half
         // period they would put the clock two seconds ahead and undo its guard against reading it at the wrap.
-        pac::TIM5.sr().write_value(Default::default());
+        pac::TIM5.sr().write_value(pac::timer::regs::SrGp16::default());
         cortex_m::peripheral::NVIC::unpend(pac::Interrupt::TIM5);
         peripherals
     })
@@ -94,6 +93,6 @@ pub(crate) fn run(
     above.spawn(tasks::simulated::answer(parts.simulator, controller, parts.rig).unwrap());
     let below = BELOW.init(Executor::new());
     below.run(|spawner| {
-        spawner.spawn(tasks::log::write(parts.card, header, start, log_number, parts.held).unwrap());
+        spawner.spawn(tasks::log::write(parts.card, header, start, log_number).unwrap());
     })
 }

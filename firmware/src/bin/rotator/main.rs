@@ -63,7 +63,6 @@ fn main() -> ! {
             card: board.card,
             imu: board.imu,
             leds: board.leds,
-            held: board.held,
             watchdog,
             store,
         },

@@ -142,11 +142,6 @@ pub(crate) struct Leds {
     pub(crate) blue: OutputOpenDrain<'static>,
 }
 
-/// Lines that are set once and held.
-pub(crate) struct Held {
-    _lines: [Output<'static>; 5],
-}
-
 /// The board, taken apart.
 pub(crate) struct Board {
     pub(crate) rig: Rig,
@@ -162,22 +157,16 @@ pub(crate) struct Board {
     pub(crate) fram: FramSpi,
     pub(crate) leds: Leds,
     pub(crate) watchdog: Peri<'static, peripherals::IWDG>,
-    pub(crate) held: Held,
 }
 
 impl Board {
     /// Sets every pin as the table says.
     pub(crate) fn new(p: Peripherals) -> Self {
         let high = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::High, Speed::Low);
-        let held = Held {
-            _lines: [
-                high(p.PE3.into()),
-                high(p.PC5.into()),
-                high(p.PC2.into()),
-                high(p.PE15.into()),
-                high(p.PD7.into()),
-            ],
-        };
+        // Set once and held: a pin whose driver is dropped lets go.
+        for line in [p.PE3.into(), p.PC5.into(), p.PC2.into(), p.PE15.into(), p.PD7.into()] {
+            core::mem::forget(high(line));
+        }
         let led = |pin: Peri<'static, AnyPin>| OutputOpenDrain::new(pin, Level::High, Speed::Low);
         Self {
             rig: Rig {
@@ -223,7 +212,6 @@ impl Board {
             fram: fram(p.SPI2, p.PB10, p.PB15, p.PB14, p.PD10),
             leds: Leds { red: led(p.PB11.into()), green: led(p.PB1.into()), blue: led(p.PB3.into()) },
             watchdog: p.IWDG,
-            held,
         }
     }
 }

@@ -49,7 +49,7 @@ pub(crate) async fn talk(mut parts: LinkParts, parameters: Parameters) -> ! {
 }
 
 /// The line, at the fallback rate if it cannot run at the wanted one.
-fn open<'d>(parts: &'d mut LinkParts, baud: u32) -> (UartTx<'d, Async>, RingBufferedUartRx<'d>) {
+fn open(parts: &mut LinkParts, baud: u32) -> (UartTx<'_, Async>, RingBufferedUartRx<'_>) {
     let mut config = usart::Config::default();
     config.baudrate = if (1200..=2_625_000).contains(&baud) { baud } else { FALLBACK_BAUD };
     let uart = Uart::new(

@@ -11,7 +11,7 @@ use embedded_sdmmc::{TimeSource, Timestamp};
 
 use crate::blackboard::{self, CHECK_INS, COUNTED, Counted, newest, notify, now_us};
 use crate::card::{self, CardDevice, CardError};
-use crate::pins::{CardParts, Held};
+use crate::pins::CardParts;
 use crate::{PROGRAM, Start};
 
 /// A card that is missing or full is looked at again after this.
@@ -28,7 +28,7 @@ pub(crate) fn header(parameters: &Parameters) -> Frame {
 
 /// Writes for ever; whenever the card fails, on a new file as soon as there is a card again.
 #[embassy_executor::task]
-pub(crate) async fn write(mut parts: CardParts, header: Frame, start: Start, mut log_number: u32, _held: Held) -> ! {
+pub(crate) async fn write(mut parts: CardParts, header: Frame, start: Start, mut log_number: u32) -> ! {
     let mut first = Some(start);
     let mut said = false;
     loop {
