@@ -2,7 +2,7 @@
 //!
 //! The downward beam takes no part; expected minus measured is the level of water or sludge. A position is held for a
 //! moment when the beams stop giving one, then it is lost. Where the last place does not explain the beams, the whole section
-//! is searched, a piece in each step, so that no step takes long; the position is then some 25 steps old.
+//! is searched, a piece in each step without samples, so that no step takes long; the position is then some 30 steps old.
 
 use adit_geometry::SectionVector;
 use adit_geometry::centring::general::{Beam as SolverBeam, Centring, Fix, Search, expected_range_m, locate_near};
@@ -31,6 +31,8 @@ pub(crate) struct Position {
     fix: Option<(CentringStatus, u64)>,
     /// A search of the whole section, and when its beams were measured.
     search: Option<(Search<f32>, u64)>,
+    /// Whether the step before looked near the last place.
+    sought_near: bool,
     water_level_m: Option<f32>,
 }
 
@@ -42,6 +44,7 @@ impl Position {
             head: RangeMonitor::default(),
             fix: None,
             search: None,
+            sought_near: false,
             water_level_m: None,
         }
     }
@@ -123,25 +126,33 @@ impl Position {
         }
     }
 
-    /// One solution near the last place, or one piece of a search of the whole section.
+    /// With new samples a solution near the last place; between them, and after one that gave nothing, a piece of a search.
     fn locate(&mut self, now_us: u64, profile: &Profile<f32>, tunnel_from_body: &UnitQuaternion<f32>) {
-        if let Some((search, measured_us)) = &mut self.search {
-            let measured_us = *measured_us;
-            if let Some(outcome) = search.advance(profile) {
-                self.search = None;
-                self.note(&outcome, measured_us);
+        let is_fresh = SOLVER_BEAMS.iter().any(|beam| self.monitors.get(*beam).is_fresh());
+        let seeks_near = is_fresh && self.fix.is_some() && !self.sought_near;
+        self.sought_near = false;
+        match &mut self.search {
+            Some((search, measured_us)) if !seeks_near => {
+                let measured_us = *measured_us;
+                if let Some(outcome) = search.advance(profile) {
+                    self.search = None;
+                    self.note(&outcome, measured_us);
+                }
             }
-        } else if SOLVER_BEAMS.iter().any(|beam| self.monitors.get(*beam).is_fresh()) {
-            self.solve(now_us, profile, tunnel_from_body);
+            _ if is_fresh => self.solve(now_us, profile, tunnel_from_body),
+            _ => {}
         }
     }
 
     fn solve(&mut self, now_us: u64, profile: &Profile<f32>, tunnel_from_body: &UnitQuaternion<f32>) {
+        self.sought_near = true;
         let beams = SOLVER_BEAMS.map(|beam| self.beam(beam));
         let hint_m = self.status().map(|status| SectionVector::from(status.offset_m));
-        match hint_m.and_then(|hint_m| locate_near(profile, &beams, tunnel_from_body, hint_m)) {
-            Some(outcome) => self.note(&outcome, now_us),
-            None => self.search = Some((Search::new(profile, &beams, tunnel_from_body, hint_m), now_us)),
+        if let Some(outcome) = hint_m.and_then(|hint_m| locate_near(profile, &beams, tunnel_from_body, hint_m)) {
+            self.search = None;
+            self.note(&outcome, now_us);
+        } else if self.search.is_none() {
+            self.search = Some((Search::new(profile, &beams, tunnel_from_body, hint_m), now_us));
         }
     }
 

@@ -22,12 +22,14 @@ mod error;
 mod file;
 mod guard;
 mod number;
+mod offered;
 
 use embedded_sdmmc::{BlockDevice, TimeSource};
 
 pub use card::CardFormat;
 pub use error::{Doing, RecorderError};
 pub use guard::Refused;
+pub use offered::{Offer, offered_parameters};
 
 use card::SECTOR_BYTES;
 use file::ZeroedFile;

@@ -16,7 +16,8 @@ use super::{Answer, Common, print};
 /// predicted coverage of the flight that the mission file asks for.
 ///
 /// With --out, plan.json (all figures), coverage.png (predicted number of photos; columns around the wall from the crown
-/// clockwise, rows along the axis; red means none) and speed.svg are written.
+/// clockwise, rows along the axis; red means none) and speed.svg are written; and PARAMS.ADT: copied to the root of the
+/// board's microSD card, the board takes these parameters over at its next start.
 ///
 /// The answer is no (exit code 1) if the mission cannot be flown as planned: no speed is allowed on the axis, the battery
 /// is too short or the card too small.
@@ -27,7 +28,7 @@ pub(super) struct Arguments {
     /// The mission file
     #[arg(value_name = "MISSION.toml")]
     mission: PathBuf,
-    /// Folder for plan.json and the pictures; made if it is not there
+    /// Folder for plan.json, the pictures and PARAMS.ADT; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -38,7 +39,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
     let mission = Mission::from_toml(&text).with_context(|| format!("mission {file}"))?;
     let plan = plan(&mission).with_context(|| format!("mission {file}"))?;
     if let Some(out) = &arguments.out {
-        write(&plan, out)?;
+        write(&plan, &mission.parameters(), out)?;
     }
     print(&plan, common)?;
     Ok(if plan.is_flyable() { Answer::Yes } else { Answer::No })

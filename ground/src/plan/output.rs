@@ -1,12 +1,18 @@
-//! Writes a plan's files: plan.json, coverage.png, speed.svg.
+//! Writes a plan's files: plan.json, coverage.png, speed.svg, and the parameters for the board's card.
 
 use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use adit_protocol::log::{EncodeError, PARAMETERS_FILE, encode_header};
+use adit_protocol::parameters::Parameters;
+use adit_protocol::record::Header;
+
 use super::{OffsetRow, Plan};
 use crate::texture::{TextureError, write_png};
 
+/// Name and version of the program, in the file for the board.
+const PROGRAM: &str = concat!("adit ", env!("CARGO_PKG_VERSION"));
 /// Size of the drawing, and of its plot.
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 400.0;
@@ -29,27 +35,32 @@ pub enum OutputError {
     /// The figures cannot be encoded.
     #[error("plan.json")]
     Json(#[from] serde_json::Error),
+    /// The parameters are too long for a board.
+    #[error("the parameters for the board")]
+    Parameters(#[from] EncodeError),
     /// The picture cannot be written.
     #[error("the coverage picture")]
     Picture(#[from] TextureError),
 }
 
-/// Writes plan.json, coverage.png (colours as `adit reconstruct`'s; only where the vehicle may move) and speed.svg.
+/// Writes plan.json, coverage.png (colours as `adit reconstruct`'s; only where the vehicle may move), speed.svg and
+/// PARAMS.ADT, which the board takes its parameters from when it finds it in its card's root.
 ///
 /// # Errors
 /// [`OutputError`] names the file.
-pub fn write(plan: &Plan, out: &Path) -> Result<(), OutputError> {
+pub fn write(plan: &Plan, parameters: &Parameters, out: &Path) -> Result<(), OutputError> {
     std::fs::create_dir_all(out).map_err(|source| OutputError::Io { path: out.to_owned(), source })?;
-    save(&out.join("plan.json"), &serde_json::to_string_pretty(plan)?)?;
-    save(&out.join("speed.svg"), &speed_svg(plan))?;
+    save(&out.join("plan.json"), serde_json::to_string_pretty(plan)?)?;
+    save(&out.join("speed.svg"), speed_svg(plan))?;
+    save(&out.join(PARAMETERS_FILE), encode_header(&Header::new(parameters, PROGRAM)?)?)?;
     if let Some(picture) = &plan.picture {
         write_png(&out.join("coverage.png"), picture.width, picture.height, &picture.data)?;
     }
     Ok(())
 }
 
-fn save(path: &Path, text: &str) -> Result<(), OutputError> {
-    std::fs::write(path, text).map_err(|source| OutputError::Io { path: path.to_owned(), source })
+fn save(path: &Path, content: impl AsRef<[u8]>) -> Result<(), OutputError> {
+    std::fs::write(path, content).map_err(|source| OutputError::Io { path: path.to_owned(), source })
 }
 
 /// The speeds over the offset.

@@ -204,10 +204,14 @@ fn the_wall_straight_ahead_is_as_fine_as_distance_over_focal_length() {
 fn the_files_are_written_and_a_folder_that_cannot_be_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let plan = planned(&text("demo.toml"));
-    write(&plan, &folder.path().join("a/b")).unwrap();
+    let parameters = Mission::from_toml(&text("demo.toml")).unwrap().parameters();
+    write(&plan, &parameters, &folder.path().join("a/b")).unwrap();
     for name in ["plan.json", "coverage.png", "speed.svg"] {
         assert!(folder.path().join("a/b").join(name).metadata().unwrap().len() > 500, "{name}");
     }
-    let error = write(&plan, &folder.path().join("a/b/plan.json/c")).unwrap_err();
+    let offered = std::fs::read(folder.path().join("a/b/PARAMS.ADT")).unwrap();
+    let log = adit_protocol::log::FlightLog::from_bytes(&offered);
+    assert_eq!(log.sessions[0].header.as_ref().unwrap().parameters, parameters);
+    let error = write(&plan, &parameters, &folder.path().join("a/b/plan.json/c")).unwrap_err();
     assert!(error.to_string().contains("plan.json/c"), "{error}");
 }

@@ -5,14 +5,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use adit_emulator::serve::{Ports, serve};
-use adit_emulator::{EmulatedBoard, Report, Setup, log_of, provisioned_fram};
+use adit_emulator::{EmulatedBoard, Report, RestartCause, Setup, log_of, parameters_in, provisioned_fram};
+use adit_firmware::io::Inputs;
 use adit_ground::ingest::{IngestOptions, ingest};
 use adit_hil_sim::card::log_bytes;
 use adit_hil_sim::command::{Left, MissionFile};
-use adit_hil_sim::flight::{Flight, Outcome, fly, fly_board};
+use adit_hil_sim::flight::{Board as _, Flight, Outcome, fly, fly_board};
 use adit_hil_sim::serial_board::SerialBoard;
-use adit_protocol::log::FlightLog;
+use adit_protocol::log::{FlightLog, PARAMETERS_FILE, encode_header};
 use adit_protocol::mavlink::FrameDecoder;
+use adit_protocol::record::Header;
 use adit_protocol::tag::{CaptureState, CaptureTag, TagFlags};
 
 /// Two turns of ten photos in a pipe of 3 m; range sensors with 2 cm of noise.
@@ -193,4 +195,24 @@ fn hardware_in_the_loop_flies_bit_for_bit_as_the_library_does() {
     assert_eq!(log_bytes(&flight).expect("a log"), log_bytes(&library).expect("a log"));
     let report = served.join().expect("the board's thread");
     assert_eq!((report.restarts.len(), report.gaps.len()), (0, 0));
+}
+
+#[test]
+fn parameters_on_the_card_are_taken_over_once() {
+    let parameters = mission().mission.parameters();
+    let mut setup = Setup::new(SEED).expect("a card");
+    let header = Header::new(&parameters, "adit").and_then(|header| encode_header(&header)).expect("a header");
+    setup.card.put_file(PARAMETERS_FILE, &header).expect("room on the card");
+    let mut board = EmulatedBoard::new(&image("rotator.elf"), &parameters, setup).expect("a board");
+    for step in 0..800 {
+        board.step(step * 5_000, &Inputs::default()).expect("a step");
+    }
+    let report = board.finish().expect("a report");
+    assert_eq!(parameters_in(&report.fram).expect("the FRAM").as_ref(), Some(&parameters));
+    let causes: Vec<RestartCause> = report.restarts.iter().map(|restart| restart.cause).collect();
+    assert_eq!(causes, [RestartCause::Firmware], "one restart, then they are in force");
+    let log = FlightLog::from_bytes(&log_of(&report).expect("a log").bytes);
+    let last = log.sessions.last().expect("a session");
+    assert_eq!(last.header.as_ref().map(|header| &header.parameters), Some(&parameters));
+    assert_eq!(last.messages[0].text.as_str(), "new parameters from the card");
 }

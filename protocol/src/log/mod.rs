@@ -29,6 +29,9 @@ pub const FORMAT: u16 = 2;
 /// The longest frame, both zeros included. A header with a chain of 24 vertices needs about 700 bytes.
 pub const MAX_FRAME_BYTES: usize = 1024;
 
+/// Name, in a card's root, of the file that offers parameters to the board: a log that ends after its header.
+pub const PARAMETERS_FILE: &str = "PARAMS.ADT";
+
 /// A frame, ready to be appended to the log.
 pub type Frame = heapless::Vec<u8, MAX_FRAME_BYTES>;
 

@@ -9,7 +9,7 @@ use embassy_stm32::timer::simple_pwm::SimplePwmChannel;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Instant;
 
-use crate::blackboard::{COUNTED, Counted, log, newest};
+use crate::blackboard::{KEEP, Keep, log, newest};
 use crate::pins::{Rig, SERVO_HZ};
 
 /// Lets the controller compute its tables, before anything else runs: a piece of them takes longer than any bus may wait.
@@ -53,6 +53,6 @@ pub(crate) fn publish(outputs: Outputs) {
     let before = newest(|newest| core::mem::replace(&mut newest.outputs, outputs));
     if before.display.captures != captures {
         // A full channel: the next capture brings the next number.
-        let _ = COUNTED.try_send(Counted::Capture(captures));
+        let _ = KEEP.try_send(Keep::Capture(captures));
     }
 }

@@ -5,7 +5,7 @@
 //! | newest readings | sensors, imu, link, log | control | replaced |
 //! | newest outputs | control | link, supervisor | replaced |
 //! | log entries | control | log | [`LogQueue`]'s policy: tags win, drops are counted |
-//! | numbers to be kept | control, log | store | the newest is dropped; the next one is larger |
+//! | what is to be kept | control, log | store | the newest is dropped; the next number is larger |
 //! | notices | anyone | link | the newest is dropped: the first trouble tells most |
 //!
 //! Every access is short and happens with interrupts off; nothing is computed there.
@@ -17,6 +17,7 @@ use adit_firmware::io::{Command, Outputs, RangeSample};
 use adit_firmware::journal::LogQueue;
 use adit_firmware::link::VehicleView;
 use adit_protocol::beams::Beams;
+use adit_protocol::parameters::Parameters;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
@@ -44,17 +45,19 @@ pub(crate) struct Newest {
 static NEWEST: Mutex<CriticalSectionRawMutex, RefCell<Option<Newest>>> = Mutex::new(RefCell::new(None));
 static LOG: Mutex<CriticalSectionRawMutex, RefCell<LogQueue>> = Mutex::new(RefCell::new(LogQueue::new()));
 
-/// A number to be kept over a loss of power.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Counted {
-    /// The last capture's.
+/// What is to be kept over a loss of power.
+#[expect(clippy::large_enum_variant, reason = "no allocation here, and four of them are 2 KiB")]
+pub(crate) enum Keep {
+    /// The last capture's number.
     Capture(u32),
-    /// The last log file's.
+    /// The last log file's number.
     LogFile(u32),
+    /// New parameters; the board restarts with them.
+    Parameters(Parameters),
 }
 
-/// Numbers to be kept.
-pub(crate) static COUNTED: Channel<CriticalSectionRawMutex, Counted, 4> = Channel::new();
+/// What is to be kept.
+pub(crate) static KEEP: Channel<CriticalSectionRawMutex, Keep, 4> = Channel::new();
 /// What the pilot shall read.
 pub(crate) static NOTICES: Channel<CriticalSectionRawMutex, Notice, 4> = Channel::new();
 /// Who has reported when.

@@ -1,15 +1,15 @@
 //! The log on the card.
 
 use adit_firmware::health::Task;
-use adit_firmware::recorder::{Doing, Recorder, RecorderError};
-use adit_protocol::log::{self, Frame};
+use adit_firmware::recorder::{Doing, Offer, Recorder, RecorderError, offered_parameters};
+use adit_protocol::log::{self, Frame, PARAMETERS_FILE};
 use adit_protocol::parameters::Parameters;
-use adit_protocol::record::{Entry, Event, EventKind, Header, Message, Record};
+use adit_protocol::record::{Entry, Event, EventKind, Header, Message, Mode, Record};
 use embassy_stm32::sdmmc::sd::{CmdBlock, DataBlock, StorageDevice};
 use embassy_time::{Duration, Timer};
 use embedded_sdmmc::{TimeSource, Timestamp};
 
-use crate::blackboard::{self, CHECK_INS, COUNTED, Counted, newest, notify, now_us};
+use crate::blackboard::{self, CHECK_INS, KEEP, Keep, newest, notify, now_us};
 use crate::card::{self, CardDevice, CardError};
 use crate::pins::CardParts;
 use crate::{PROGRAM, Start};
@@ -59,12 +59,15 @@ async fn session(
         Err(error) => return RecorderError::Device { doing: Doing::Examining, error: CardError(error) },
     };
     let device = CardDevice::new(card, &mut buffer);
+    if let Err(error) = look_for_parameters(&device, header) {
+        return error;
+    }
     let mut recorder = match Recorder::open(&device, NoClock, header, *log_number + 1) {
         Ok(recorder) => recorder,
         Err(error) => return error,
     };
     *log_number = u32::from(recorder.number());
-    let _ = COUNTED.try_send(Counted::LogFile(*log_number));
+    let _ = KEEP.try_send(Keep::LogFile(*log_number));
     newest(|newest| newest.log_lost = false);
     loop {
         let step = match first.take() {
@@ -88,6 +91,23 @@ impl TimeSource for NoClock {
     fn get_timestamp(&self) -> Timestamp {
         Timestamp { year_since_1970: 10, zero_indexed_month: 0, zero_indexed_day: 0, hours: 0, minutes: 0, seconds: 0 }
     }
+}
+
+/// Takes over parameters that the card offers, unless they are those in force or the board is at work.
+fn look_for_parameters(device: &CardDevice<'_, '_>, header: &Frame) -> Result<(), RecorderError<CardError>> {
+    let offered = match offered_parameters(device, NoClock)? {
+        Offer::None => return Ok(()),
+        Offer::Unreadable => {
+            notify(format_args!("{PARAMETERS_FILE} is damaged or of another version"));
+            return Ok(());
+        }
+        Offer::Parameters(offered) => offered,
+    };
+    let in_force = self::header(&offered) == *header;
+    if !in_force && newest(|newest| newest.outputs.mode) == Mode::Idle {
+        let _ = KEEP.try_send(Keep::Parameters(offered));
+    }
+    Ok(())
 }
 
 /// Why the board started, and the words that its last run left.

@@ -6,7 +6,8 @@ use adit_firmware::store::{FlightState, FlightStore, ParameterStore, Stored};
 use adit_protocol::parameters::Parameters;
 use embassy_time::{Duration, with_timeout};
 
-use crate::blackboard::{CHECK_INS, COUNTED, Counted, notify, now_us};
+use crate::blackboard::{CHECK_INS, KEEP, Keep, notify, now_us};
+use crate::crash;
 use crate::pins::FramSpi;
 
 /// It reports at least this often.
@@ -44,6 +45,17 @@ impl Store {
         self.flight
     }
 
+    /// Stores new parameters and starts anew with them.
+    fn adopt(&mut self, parameters: &Parameters) {
+        if ParameterStore::save(&mut self.fram, parameters).is_err() {
+            notify(format_args!("FRAM does not take the card's parameters"));
+            return;
+        }
+        crash::make_safe();
+        crash::leave_note(format_args!("new parameters from the card"));
+        cortex_m::peripheral::SCB::sys_reset()
+    }
+
     fn save(&mut self) {
         if FlightStore::save(&mut self.fram, &self.flight).is_err() {
             defmt::error!("FRAM does not take the flight's state");
@@ -56,14 +68,15 @@ impl Store {
 pub(crate) async fn keep(mut store: Store) -> ! {
     loop {
         CHECK_INS.report(Task::Store, now_us());
-        let Ok(counted) = with_timeout(PERIOD, COUNTED.receive()).await else { continue };
-        let number = match counted {
-            Counted::Capture(_) => &mut store.flight.last_capture,
-            Counted::LogFile(_) => &mut store.flight.log_number,
-        };
-        let (Counted::Capture(new) | Counted::LogFile(new)) = counted;
-        if core::mem::replace(number, new) != new {
-            store.save();
+        let Ok(keep) = with_timeout(PERIOD, KEEP.receive()).await else { continue };
+        match keep {
+            Keep::Capture(number) => store.flight.last_capture = number,
+            Keep::LogFile(number) => store.flight.log_number = number,
+            Keep::Parameters(parameters) => {
+                store.adopt(&parameters);
+                continue;
+            }
         }
+        store.save();
     }
 }
