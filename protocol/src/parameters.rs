@@ -162,9 +162,21 @@ pub enum CaptureWiring {
     Confirm,
 }
 
+/// How the camera is fired.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Trigger {
+    /// An opto-coupler on the shutter button.
+    Contact,
+    /// The connector on a HERO4's back, on I2C1; then the range sensors are on a Hub and there is no encoder. Experimental.
+    HeroBus,
+}
+
 /// Camera trigger, its answer, and the light.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShutterParameters {
+    /// How the camera is fired.
+    pub trigger: Trigger,
     /// What the camera tells.
     pub wiring: CaptureWiring,
     /// Typical time from the shutter's command to the exposure's start (to be measured per camera).
@@ -199,6 +211,7 @@ impl Default for ShutterParameters {
     fn default() -> Self {
         Self {
             // The opto-coupler works with every camera and firmware.
+            trigger: Trigger::Contact,
             wiring: CaptureWiring::None,
             // No maker documents it; 0.2 s is what autopilot developers assume for such cameras.
             trigger_latency_s: 0.2,

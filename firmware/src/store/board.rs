@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     /// Bytes of the default parameters in version 1 of the layout.
-    const DEFAULT_BYTES: usize = 245;
+    const DEFAULT_BYTES: usize = 246;
     /// Bytes of a flight state of ones in version 1 of the layout.
     const ONES_BYTES: usize = 3;
 

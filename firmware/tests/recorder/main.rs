@@ -115,9 +115,9 @@ fn a_computer_reads_what_was_recorded() {
 #[test]
 fn writes_per_record_and_per_extension() {
     let expected = [
-        "Fat16 4096: open 193; record 1.15, at most 2 and 1 reads; extension 193, its steps at most 25",
-        "Fat32 512: open 642; record 1.15, at most 2 and 1 reads; extension 642, its steps at most 82",
-        "Fat32 32768: open 138; record 1.15, at most 2 and 0 reads; extension 138, its steps at most 20",
+        "Fat16 4096: open 193; record 1.16, at most 2 and 1 reads; extension 193, its steps at most 25",
+        "Fat32 512: open 642; record 1.16, at most 2 and 1 reads; extension 642, its steps at most 82",
+        "Fat32 32768: open 138; record 1.16, at most 2 and 0 reads; extension 138, its steps at most 20",
     ];
     assert_eq!([FAT16, FAT32_TINY, FAT32_8GB].map(writes_of), expected, "sectors written");
 }

@@ -11,7 +11,7 @@ use super::{BoardPlan, SurveyConfig};
 use crate::beams::Beams;
 use crate::parameters::{
     CaptureWiring, LinkParameters, LogParameters, RangeBus, RangeFamily, RangeParameters, ServoParameters,
-    ShaftParameters, ShutterParameters,
+    ShaftParameters, ShutterParameters, Trigger,
 };
 
 const DURATION: Quantity = Quantity::new(Unit::Second, 0.0, 30.0);
@@ -28,6 +28,9 @@ pub(super) fn read(mut section: Section<'_>, survey: Option<&SurveyConfig>) -> B
         link: link(section.section_or_empty("link")),
         log: log(section.section_or_empty("log")),
     };
+    if plan.shutter.trigger == Trigger::HeroBus && (plan.ranges.bus != RangeBus::Hub || plan.shaft.encoder) {
+        section.complain("shutter.trigger", "hero-bus", "ranges.bus = \"hub\" and shaft.encoder = false beside it");
+    }
     section.finish();
     plan
 }
@@ -75,7 +78,9 @@ fn servo(mut section: Section<'_>) -> ServoParameters {
 fn shutter(mut section: Section<'_>) -> ShutterParameters {
     let default = ShutterParameters::default();
     let wirings = [("none", CaptureWiring::None), ("busy", CaptureWiring::Busy), ("confirm", CaptureWiring::Confirm)];
+    let triggers = [("contact", Trigger::Contact), ("hero-bus", Trigger::HeroBus)];
     let shutter = ShutterParameters {
+        trigger: section.choice_or("trigger", &triggers, default.trigger),
         wiring: section.choice_or("wiring", &wirings, default.wiring),
         trigger_latency_s: section.single_or("trigger_latency_s", DURATION, default.trigger_latency_s),
         trigger_latency_max_s: section.single_or("trigger_latency_max_s", DURATION, default.trigger_latency_max_s),

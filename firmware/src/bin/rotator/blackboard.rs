@@ -13,7 +13,7 @@
 use core::cell::RefCell;
 
 use adit_firmware::health::CheckIns;
-use adit_firmware::io::{Command, Outputs, RangeSample};
+use adit_firmware::io::{CameraStatus, Command, Outputs, RangeSample};
 use adit_firmware::journal::LogQueue;
 use adit_firmware::link::VehicleView;
 use adit_protocol::beams::Beams;
@@ -38,6 +38,8 @@ pub(crate) struct Newest {
     pub(crate) vehicle: VehicleView,
     /// The next command of pilot or operator.
     pub(crate) command: Option<Command>,
+    /// What a camera on `HeroBus` says.
+    pub(crate) hero: Option<CameraStatus>,
     pub(crate) log_lost: bool,
     pub(crate) outputs: Outputs,
 }

@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "an interrupt executor is driven from a vector, which embassy marks as unsafe")]
 
 use adit_firmware::controller::Controller;
-use adit_protocol::parameters::Parameters;
+use adit_protocol::parameters::{Parameters, RangeBus, Trigger};
 use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::peripherals::IWDG;
@@ -16,7 +16,7 @@ use crate::clocks::{self, ClockSource};
 use crate::pins::CameraPins;
 #[cfg(feature = "hil")]
 use crate::pins::SimulatorParts;
-use crate::pins::{CardParts, HubParts, ImuSpi, Leds, LinkParts, RangeBusParts, Rig};
+use crate::pins::{CardParts, HeroBusPins, HubParts, ImuSpi, Leds, LinkParts, RangeBusParts, Rig};
 use crate::tasks;
 use crate::tasks::store::Store;
 
@@ -45,6 +45,7 @@ pub(crate) struct Parts {
     pub(crate) camera: CameraPins,
     pub(crate) range_bus: RangeBusParts,
     pub(crate) hub: HubParts,
+    pub(crate) hero_bus: HeroBusPins,
     pub(crate) link: LinkParts,
     #[cfg(feature = "hil")]
     pub(crate) simulator: SimulatorParts,
@@ -85,7 +86,15 @@ pub(crate) fn run(
     middle.spawn(tasks::store::keep(parts.store).unwrap());
     middle.spawn(tasks::imu::watch(parts.imu).unwrap());
     middle.spawn(tasks::link::talk(parts.link, parameters.clone()).unwrap());
-    middle.spawn(tasks::sensors::measure(parts.range_bus, parts.hub, parameters.ranges).unwrap());
+    if parameters.shutter.trigger == Trigger::HeroBus {
+        middle.spawn(tasks::herobus::answer(parts.range_bus, parts.hero_bus).unwrap());
+        middle.spawn(tasks::sensors::listen(parts.hub, parameters.ranges).unwrap());
+    } else {
+        middle.spawn(tasks::sensors::measure(parts.range_bus, parameters.ranges).unwrap());
+        if parameters.ranges.bus == RangeBus::Hub {
+            middle.spawn(tasks::sensors::listen(parts.hub, parameters.ranges).unwrap());
+        }
+    }
     let above = ABOVE.start(interrupt::DCMI);
     #[cfg(not(feature = "hil"))]
     above.spawn(tasks::control::control(controller, parts.rig, parts.camera).unwrap());

@@ -57,6 +57,7 @@ fn main() -> ! {
             camera: board.camera,
             range_bus: board.range_bus,
             hub: board.hub,
+            hero_bus: board.hero_bus,
             link: board.link,
             #[cfg(feature = "hil")]
             simulator: board.simulator,

@@ -8,6 +8,7 @@
 //! | `CAM_BUSY` | PE11 | GPIO, pull-down | servo rail, PWM 3 | in: high while the camera is busy |
 //! | `CAM_STORED` | PE9 | GPIO, pull-down | servo rail, PWM 4 | in: a pulse of at least 20 ms for each photo stored |
 //! | `RANGE_SCL`, `RANGE_SDA` | PB8, PB9 | I2C1, DMA1 streams 7 and 0 | GPS | range sensors and AS5600 |
+//! | `HERO_READY`, `HERO_INT`, `HERO_POWER` | PE13, PE1, PE0 | GPIO, open drain | PWM 2; `FrSky` | out: a HERO4's bus instead of I2C sensors |
 //! | `HUB_TX`, `HUB_RX` | PA0, PA1 | UART4, DMA1 streams 4 and 2 | GPS | `TeraRanger` Hub instead of I2C sensors |
 //! | `TELEM1_TX`, `TELEM1_RX` | PD5, PD6 | USART2, DMA1 streams 6 and 5 | TELEM1 | MAVLink to the autopilot |
 //! | `TELEM2_TX`, `TELEM2_RX` | PD8, PD9 | USART3, DMA1 streams 3 and 1 | TELEM2 | a simulator (`hil` build only) |
@@ -95,6 +96,13 @@ pub(crate) struct RangeBusParts {
     pub(crate) rx_dma: Peri<'static, DMA1_CH0>,
 }
 
+/// Lines to a HERO4 beside its I2C.
+pub(crate) struct HeroBusPins {
+    pub(crate) backpack_ready: OutputOpenDrain<'static>,
+    pub(crate) interrupt: OutputOpenDrain<'static>,
+    pub(crate) power_button: OutputOpenDrain<'static>,
+}
+
 /// The parts of the Hub's line.
 pub(crate) struct HubParts {
     pub(crate) uart: Peri<'static, UART4>,
@@ -149,6 +157,7 @@ pub(crate) struct Board {
     pub(crate) camera: CameraPins,
     pub(crate) range_bus: RangeBusParts,
     pub(crate) hub: HubParts,
+    pub(crate) hero_bus: HeroBusPins,
     pub(crate) link: LinkParts,
     #[cfg(feature = "hil")]
     pub(crate) simulator: SimulatorParts,
@@ -167,7 +176,7 @@ impl Board {
         for line in [p.PE3.into(), p.PC5.into(), p.PC2.into(), p.PE15.into(), p.PD7.into()] {
             core::mem::forget(high(line));
         }
-        let led = |pin: Peri<'static, AnyPin>| OutputOpenDrain::new(pin, Level::High, Speed::Low);
+        let open_drain = |pin: Peri<'static, AnyPin>| OutputOpenDrain::new(pin, Level::High, Speed::Low);
         Self {
             rig: Rig {
                 servo: SimplePwm::new(
@@ -195,6 +204,11 @@ impl Board {
             camera: CameraPins { busy: Input::new(p.PE11, Pull::Down), photo_stored: Input::new(p.PE9, Pull::Down) },
             range_bus: RangeBusParts { i2c: p.I2C1, scl: p.PB8, sda: p.PB9, tx_dma: p.DMA1_CH7, rx_dma: p.DMA1_CH0 },
             hub: HubParts { uart: p.UART4, tx: p.PA0, rx: p.PA1, tx_dma: p.DMA1_CH4, rx_dma: p.DMA1_CH2 },
+            hero_bus: HeroBusPins {
+                backpack_ready: open_drain(p.PE13.into()),
+                interrupt: open_drain(p.PE1.into()),
+                power_button: open_drain(p.PE0.into()),
+            },
             link: LinkParts { uart: p.USART2, tx: p.PD5, rx: p.PD6, tx_dma: p.DMA1_CH6, rx_dma: p.DMA1_CH5 },
             #[cfg(feature = "hil")]
             simulator: SimulatorParts { uart: p.USART3, tx: p.PD8, rx: p.PD9, tx_dma: p.DMA1_CH3, rx_dma: p.DMA1_CH1 },
@@ -210,7 +224,11 @@ impl Board {
             },
             imu: imu(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH5, p.DMA2_CH0, p.PC15),
             fram: fram(p.SPI2, p.PB10, p.PB15, p.PB14, p.PD10),
-            leds: Leds { red: led(p.PB11.into()), green: led(p.PB1.into()), blue: led(p.PB3.into()) },
+            leds: Leds {
+                red: open_drain(p.PB11.into()),
+                green: open_drain(p.PB1.into()),
+                blue: open_drain(p.PB3.into()),
+            },
             watchdog: p.IWDG,
         }
     }

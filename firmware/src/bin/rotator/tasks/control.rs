@@ -58,7 +58,7 @@ fn gather(camera: CameraStatus) -> Inputs {
             ranges: newest.ranges,
             head: newest.head,
             shaft_encoder_rad: newest.encoder_rad,
-            camera,
+            camera: newest.hero.unwrap_or(camera),
             command: newest.command.take(),
             log_lost: newest.log_lost,
             ..Inputs::default()

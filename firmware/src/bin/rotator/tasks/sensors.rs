@@ -14,7 +14,6 @@ use adit_firmware::health::Task;
 use adit_firmware::io::{RangeReading, RangeSample};
 use adit_protocol::beams::{Beam, Beams};
 use adit_protocol::parameters::{RangeBus, RangeFamily, RangeParameters};
-use embassy_futures::join::join;
 use embassy_stm32::gpio::{Level, OutputOpenDrain, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
 use embassy_stm32::mode::Async;
@@ -40,7 +39,8 @@ const STOP_POLLS: u32 = 1000;
 /// Half a period of the clock with which a stuck bus is freed: 100 kHz.
 const HALF_CLOCK: Duration = Duration::from_micros(5);
 
-type Bus<'d> = I2c<'d, Async, Master>;
+/// The sensors' bus.
+pub(crate) type Bus<'d> = I2c<'d, Async, Master>;
 
 /// The five range sensors, the head's last.
 struct Rangers {
@@ -49,19 +49,17 @@ struct Rangers {
     parameters: RangeParameters,
 }
 
-/// Measures for ever.
+/// Measures on I2C for ever: encoder and, unless they are on a Hub, range sensors.
 #[embassy_executor::task]
-pub(crate) async fn measure(mut parts: RangeBusParts, hub: HubParts, parameters: RangeParameters) -> ! {
-    let on_i2c = parameters.bus == RangeBus::I2c;
-    let rangers = Rangers::new(&parameters, on_i2c);
-    let i2c = async {
-        loop {
-            free(&mut parts).await;
-            rounds(&mut bus(&mut parts), &rangers).await;
-            defmt::warn!("sensor bus is stuck: made anew");
-        }
-    };
-    if on_i2c { i2c.await } else { join(i2c, listen(hub, parameters)).await.0 }
+pub(crate) async fn measure(mut parts: RangeBusParts, parameters: RangeParameters) -> ! {
+    let rangers = Rangers::new(&parameters, parameters.bus == RangeBus::I2c);
+    loop {
+        // A bus that stays stuck is no reason to restart the board: the controller knows that the readings grow old.
+        CHECK_INS.report(Task::Sensors, now_us());
+        free(&mut parts).await;
+        rounds(&mut bus(&mut parts), &rangers).await;
+        defmt::warn!("sensor bus is stuck: made anew");
+    }
 }
 
 impl Rangers {
@@ -80,7 +78,8 @@ impl Rangers {
     }
 }
 
-fn bus(parts: &mut RangeBusParts) -> Bus<'_> {
+/// The bus, anew.
+pub(crate) fn bus(parts: &mut RangeBusParts) -> Bus<'_> {
     let mut config = i2c::Config::default();
     config.frequency = khz(400);
     I2c::new(
@@ -203,7 +202,8 @@ const HUB_EVO_BAUD: u32 = 921_600;
 static HUB_RING: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
 
 /// Takes the frames of a Hub for ever.
-async fn listen(parts: HubParts, parameters: RangeParameters) -> ! {
+#[embassy_executor::task]
+pub(crate) async fn listen(parts: HubParts, parameters: RangeParameters) -> ! {
     let mut config = usart::Config::default();
     let (kind, baud) = match parameters.family {
         RangeFamily::OneHub | RangeFamily::One => (HubKind::One, HUB_ONE_BAUD),

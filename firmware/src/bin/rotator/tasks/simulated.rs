@@ -4,8 +4,7 @@ use adit_firmware::controller::Controller;
 use adit_firmware::health::Task;
 use adit_firmware::hil::{self, Answer, Decoder, Question};
 use adit_protocol::log::parameters_hash;
-use embassy_stm32::mode::Async;
-use embassy_stm32::usart::{self, Uart, UartTx};
+use embassy_stm32::usart::{self, Uart};
 use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::ConstStaticCell;
 
@@ -28,36 +27,48 @@ pub(crate) async fn answer(parts: SimulatorParts, controller: &'static mut Contr
     let (mut tx, rx) = uart.expect("the rate is possible with these clocks").split();
     let mut rx = rx.into_ring_buffered(RING.take());
     let mut decoder = Decoder::default();
+    let mut last = Last { now_us: None, bytes: heapless::Vec::new() };
     let mut bytes = [0; 256];
     loop {
         CHECK_INS.report(Task::Control, now_us());
         let Ok(Ok(count)) = with_timeout(PERIOD, rx.read(&mut bytes)).await else { continue };
         for byte in bytes.iter().take(count) {
             if let Some(question) = decoder.push(*byte) {
-                reply(question, controller, &mut rig, &mut tx).await;
+                let bytes = last.answer_to(question, controller, &mut rig);
+                // The line's faults show at the other end: no answer comes.
+                let _ = tx.write(bytes).await;
             }
         }
     }
 }
 
-async fn reply(question: Question, controller: &mut Controller, rig: &mut Rig, tx: &mut UartTx<'static, Async>) {
-    let answer = match question {
-        Question::Begin(parameters) => {
-            let parameters_hash = parameters_hash(&parameters).unwrap_or_default();
-            *controller = Controller::new(parameters);
-            Answer::Ready { parameters_hash }
-        }
-        Question::Step { now_us, inputs } => {
-            let began = Instant::now();
-            let outputs = controller.step(now_us, &inputs);
-            STEP.note(began.elapsed());
-            apply(rig, &outputs);
-            publish(outputs.clone());
-            Answer::Done { now_us, outputs }
-        }
-    };
-    if let Some(bytes) = hil::encode(&answer) {
-        // The line's faults show at the other end: no answer comes.
-        let _ = tx.write(&bytes).await;
+/// The last answer: who asks again, because it was lost or late, gets the same one and no second step.
+struct Last {
+    now_us: Option<u64>,
+    bytes: heapless::Vec<u8, { hil::MAX_BYTES }>,
+}
+
+impl Last {
+    fn answer_to(&mut self, question: Question, controller: &mut Controller, rig: &mut Rig) -> &[u8] {
+        let answer = match question {
+            Question::Begin(parameters) => {
+                let parameters_hash = parameters_hash(&parameters).unwrap_or_default();
+                *controller = Controller::new(parameters);
+                self.now_us = None;
+                Answer::Ready { parameters_hash }
+            }
+            Question::Step { now_us, .. } if self.now_us == Some(now_us) => return &self.bytes,
+            Question::Step { now_us, inputs } => {
+                let began = Instant::now();
+                let outputs = controller.step(now_us, &inputs);
+                STEP.note(began.elapsed());
+                apply(rig, &outputs);
+                publish(outputs.clone());
+                self.now_us = Some(now_us);
+                Answer::Done { now_us, outputs }
+            }
+        };
+        self.bytes = hil::encode(&answer).unwrap_or_default();
+        &self.bytes
     }
 }
