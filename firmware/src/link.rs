@@ -38,6 +38,9 @@ const ATTITUDE_STALE_S: f32 = 0.5;
 const POSITION_STALE_S: f32 = 1.0;
 /// A command that is repeated within this is the same one.
 const REPEATED_S: f32 = 1.0;
+/// Addresses that the I2C specification does not keep for itself.
+const ADDRESS_MIN: u8 = 0x08;
+const ADDRESS_MAX: u8 = 0x77;
 /// The controller counts as stalled after this.
 const STALLED_S: f32 = 1.0;
 const HEARTBEAT_S: f32 = 1.0;
@@ -73,6 +76,15 @@ impl VehicleView {
     }
 }
 
+/// A range sensor's new address on I2C.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Readdressing {
+    /// Where it is.
+    pub from: u8,
+    /// Where it shall be.
+    pub to: u8,
+}
+
 /// Figures about the board itself, for the display.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Diagnosis {
@@ -101,6 +113,7 @@ pub struct Link {
     zero_m: f32,
     latches_axis: bool,
     command: Option<Command>,
+    readdressing: Option<Readdressing>,
     last_command: Timed<u16>,
     answers: heapless::Deque<(u16, CommandResult), 4>,
     notices: heapless::Deque<(Severity, heapless::String<TEXT_BYTES>), 4>,
@@ -146,6 +159,7 @@ impl Link {
             zero_m: 0.0,
             latches_axis: axis_yaw_rad.is_none(),
             command: None,
+            readdressing: None,
             last_command: None,
             answers: heapless::Deque::new(),
             notices: heapless::Deque::new(),
@@ -189,16 +203,19 @@ impl Link {
                 self.position = Some((([north_m, east_m], [vn_mps, ve_mps]), now_us));
             }
             // Arming is also the autopilot's business: what is for everybody is for it.
-            Incoming::Command { target, command, confirmation, parameters: [first, ..] }
+            Incoming::Command { target, command, confirmation, parameters }
                 if target == [self.system.unwrap_or(1), BOARD_COMPONENT] =>
             {
-                self.obey(now_us, command, confirmation, first);
+                self.obey(now_us, command, confirmation, &parameters);
             }
             _ => {}
         }
     }
 
-    fn obey(&mut self, now_us: u64, number: u16, confirmation: u8, first: f32) {
+    fn obey(&mut self, now_us: u64, number: u16, confirmation: u8, parameters: &[f32; 7]) {
+        let [first, second, ..] = *parameters;
+        let readdressing = readdressing(first, second)
+            .filter(|_| number == command::READDRESS && matches!(self.shown.mode, Mode::Idle | Mode::Fault));
         let wanted = match number {
             command::ARM_DISARM if first == 1.0 => Some(Command::Arm),
             command::ARM_DISARM if first == 0.0 => Some(Command::Disarm),
@@ -206,16 +223,18 @@ impl Link {
             command::STOP_CAPTURE => Some(Command::Stop),
             _ => None,
         };
-        let result = if wanted.is_some() { CommandResult::Accepted } else { CommandResult::Unsupported };
+        let known = wanted.is_some() || readdressing.is_some();
+        let result = if known { CommandResult::Accepted } else { CommandResult::Unsupported };
         // Who gets no answer asks again.
         let _ = self.answers.push_back((number, result));
-        let known = self
+        let repeated = self
             .last_command
             .is_some_and(|(last, at_us)| confirmation > 0 && last == number && !has_passed(at_us, now_us, REPEATED_S));
         self.last_command = Some((number, now_us));
-        if known {
+        if repeated {
             return;
         }
+        self.readdressing = readdressing.or(self.readdressing);
         if wanted == Some(Command::Arm) {
             self.latch_axis(now_us);
         }
@@ -236,6 +255,11 @@ impl Link {
     /// The next command; each is given once.
     pub fn take_command(&mut self) -> Option<Command> {
         self.command.take()
+    }
+
+    /// The next change of a sensor's address; each is given once.
+    pub fn take_readdressing(&mut self) -> Option<Readdressing> {
+        self.readdressing.take()
     }
 
     /// What is known of the vehicle.
@@ -363,6 +387,15 @@ pub fn measured_m(readings: [RangeReading; 4]) -> [Option<f32>; 4] {
         RangeReading::Measured(range_m) => Some(range_m),
         _ => None,
     })
+}
+
+/// Two addresses that a sensor may have, or `None`.
+fn readdressing(from: f32, to: f32) -> Option<Readdressing> {
+    let address = |value: f32| {
+        let address = value as u8;
+        (f32::from(address) == value && (ADDRESS_MIN..=ADDRESS_MAX).contains(&address)).then_some(address)
+    };
+    Some(Readdressing { from: address(from)?, to: address(to)? })
 }
 
 /// What was said, unless it is older than this.

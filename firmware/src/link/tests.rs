@@ -126,6 +126,28 @@ fn commands_are_answered_each_time_and_given_once() {
 }
 
 #[test]
+fn a_sensor_gets_its_address_only_while_the_board_is_idle() {
+    let mut link = link(Some(0.0));
+    let wants = |first: f32, second: f32| {
+        let mut payload = floats(&[first, second, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        payload.extend_from_slice(&31_010_u16.to_le_bytes());
+        payload.extend_from_slice(&[3, 191, 0]);
+        frame(255, 76, &payload, 152)
+    };
+    link.note(0, &outputs(Mode::Scanning, None), [None; 4], Diagnosis::default());
+    link.receive(0, &wants(49.0, 50.0));
+    assert_eq!(link.take_readdressing(), None);
+    link.note(0, &outputs(Mode::Idle, None), [None; 4], Diagnosis::default());
+    for nonsense in [[49.5, 50.0], [49.0, 300.0], [49.0, f32::NAN], [0.0, 50.0]] {
+        link.receive(0, &wants(nonsense[0], nonsense[1]));
+        assert_eq!(link.take_readdressing(), None, "{nonsense:?}");
+    }
+    link.receive(0, &wants(49.0, 50.0));
+    assert_eq!(link.take_readdressing(), Some(Readdressing { from: 49, to: 50 }));
+    assert_eq!(link.take_readdressing(), None);
+}
+
+#[test]
 fn the_limit_is_repeated_and_told_soon_when_it_changes() {
     let mut link = link(Some(0.0));
     let mut sent = Vec::new();

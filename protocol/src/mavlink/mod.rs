@@ -33,6 +33,8 @@ pub mod command {
     pub const START_CAPTURE: u16 = 2000;
     /// `IMAGE_STOP_CAPTURE`.
     pub const STOP_CAPTURE: u16 = 2001;
+    /// `USER_1`: gives the range sensor at the first address the second (7 bits each); while the board is idle.
+    pub const READDRESS: u16 = 31_010;
 }
 
 /// Outcome of a command, `MAV_RESULT`.

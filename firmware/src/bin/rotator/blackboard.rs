@@ -15,7 +15,7 @@ use core::cell::RefCell;
 use adit_firmware::health::CheckIns;
 use adit_firmware::io::{CameraStatus, Command, Outputs, RangeSample};
 use adit_firmware::journal::LogQueue;
-use adit_firmware::link::VehicleView;
+use adit_firmware::link::{Readdressing, VehicleView};
 use adit_protocol::beams::Beams;
 use adit_protocol::parameters::Parameters;
 use embassy_sync::blocking_mutex::Mutex;
@@ -38,6 +38,8 @@ pub(crate) struct Newest {
     pub(crate) vehicle: VehicleView,
     /// The next command of pilot or operator.
     pub(crate) command: Option<Command>,
+    /// A change of a range sensor's address.
+    pub(crate) readdressing: Option<Readdressing>,
     /// What a camera on `HeroBus` says.
     pub(crate) hero: Option<CameraStatus>,
     pub(crate) log_lost: bool,

@@ -74,9 +74,11 @@ fn exchange(link: &mut Link, diagnosis: Diagnosis) {
     }
     let vehicle = link.vehicle(now_us);
     let command = link.take_command();
+    let readdressing = link.take_readdressing();
     newest(|newest| {
         newest.vehicle = vehicle;
         newest.command = command.or(newest.command);
+        newest.readdressing = readdressing.or(newest.readdressing);
         let ranges_m = measured_m(Beam::ALL.map(|beam| newest.ranges.get(beam).reading));
         link.note(now_us, &newest.outputs, ranges_m, diagnosis);
     });

@@ -12,6 +12,7 @@ use adit_firmware::drivers::hub::{HubKind, HubParser};
 use adit_firmware::drivers::teraranger::TeraRanger;
 use adit_firmware::health::Task;
 use adit_firmware::io::{RangeReading, RangeSample};
+use adit_firmware::link::Readdressing;
 use adit_protocol::beams::{Beam, Beams};
 use adit_protocol::parameters::{RangeBus, RangeFamily, RangeParameters};
 use embassy_stm32::gpio::{Level, OutputOpenDrain, Speed};
@@ -23,7 +24,7 @@ use embassy_stm32::usart::{self, Uart};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use static_cell::ConstStaticCell;
 
-use crate::blackboard::{CHECK_INS, newest, now_us};
+use crate::blackboard::{CHECK_INS, newest, notify, now_us};
 use crate::pins::{HubParts, Irqs, RangeBusParts};
 
 /// The encoder's period.
@@ -124,6 +125,9 @@ async fn rounds(bus: &mut Bus<'_>, rangers: &Rangers) {
             1 => exchanges.read(rangers).await,
             _ => {}
         }
+        if let Some(readdressing) = newest(|newest| newest.readdressing.take()) {
+            exchanges.readdress(readdressing).await;
+        }
         if unended >= UNENDED_TO_RESET {
             return;
         }
@@ -152,6 +156,13 @@ impl<'d> Exchanges<'_, 'd> {
     async fn read_encoder(&mut self) {
         let angle = self.within(async |bus| As5600.read(bus).await).await;
         newest(|newest| newest.encoder_rad = angle.map(|angle| angle.angle_rad));
+    }
+
+    async fn readdress(&mut self, Readdressing { from, to }: Readdressing) {
+        let sensor = TeraRanger { address: from };
+        let done = self.within(async |bus| sensor.readdress(bus, to).await).await.is_some();
+        let word = if done { "is now" } else { "does not answer to become" };
+        notify(format_args!("range sensor {from:#04x} {word} {to:#04x}"));
     }
 
     async fn trigger(&mut self, rangers: &Rangers) {
