@@ -12,11 +12,7 @@ use static_cell::StaticCell;
 
 use crate::Start;
 use crate::clocks::{self, ClockSource};
-#[cfg(not(feature = "hil"))]
-use crate::pins::CameraPins;
-#[cfg(feature = "hil")]
-use crate::pins::SimulatorParts;
-use crate::pins::{CardParts, HeroBusPins, HubParts, ImuSpi, Leds, LinkParts, RangeBusParts, Rig};
+use crate::pins::Board;
 use crate::tasks;
 use crate::tasks::store::Store;
 
@@ -38,24 +34,6 @@ unsafe fn CAN2_SCE() {
     unsafe { MIDDLE.on_interrupt() }
 }
 
-/// Everything that the tasks are made from.
-pub(crate) struct Parts {
-    pub(crate) rig: Rig,
-    #[cfg(not(feature = "hil"))]
-    pub(crate) camera: CameraPins,
-    pub(crate) range_bus: RangeBusParts,
-    pub(crate) hub: HubParts,
-    pub(crate) hero_bus: HeroBusPins,
-    pub(crate) link: LinkParts,
-    #[cfg(feature = "hil")]
-    pub(crate) simulator: SimulatorParts,
-    pub(crate) card: CardParts,
-    pub(crate) imu: ImuSpi,
-    pub(crate) leds: Leds,
-    pub(crate) watchdog: IndependentWatchdog<'static, IWDG>,
-    pub(crate) store: Store,
-}
-
 /// Sets the clocks up and takes the peripherals.
 pub(crate) fn init_clocks(source: ClockSource) -> Peripherals {
     let config = clocks::config(source);
@@ -69,39 +47,41 @@ pub(crate) fn init_clocks(source: ClockSource) -> Peripherals {
     })
 }
 
+/// What was ready before the tasks.
+pub(crate) struct Ready {
+    pub(crate) watchdog: IndependentWatchdog<'static, IWDG>,
+    pub(crate) store: Store,
+    pub(crate) start: Start,
+    pub(crate) log_number: u32,
+}
+
 /// Starts all tasks and stays in the lowest of the executors.
-pub(crate) fn run(
-    parts: Parts,
-    controller: &'static mut Controller,
-    parameters: &Parameters,
-    start: Start,
-    log_number: u32,
-) -> ! {
+pub(crate) fn run(board: Board, ready: Ready, controller: &'static mut Controller, parameters: &Parameters) -> ! {
     interrupt::DCMI.set_priority(Priority::P6);
     interrupt::CAN2_SCE.set_priority(Priority::P7);
     let header = tasks::log::header(parameters);
 
     let middle = MIDDLE.start(interrupt::CAN2_SCE);
-    middle.spawn(tasks::supervisor::supervise(parts.watchdog, parts.leds).unwrap());
-    middle.spawn(tasks::store::keep(parts.store).unwrap());
-    middle.spawn(tasks::imu::watch(parts.imu).unwrap());
-    middle.spawn(tasks::link::talk(parts.link, parameters.clone()).unwrap());
+    middle.spawn(tasks::supervisor::supervise(ready.watchdog, board.leds).unwrap());
+    middle.spawn(tasks::store::keep(ready.store).unwrap());
+    middle.spawn(tasks::imu::watch(board.imu).unwrap());
+    middle.spawn(tasks::link::talk(board.link, parameters.clone()).unwrap());
     if parameters.shutter.trigger == Trigger::HeroBus {
-        middle.spawn(tasks::herobus::answer(parts.range_bus, parts.hero_bus).unwrap());
-        middle.spawn(tasks::sensors::listen(parts.hub, parameters.ranges).unwrap());
+        middle.spawn(tasks::herobus::answer(board.range_bus, board.hero_bus).unwrap());
+        middle.spawn(tasks::sensors::listen(board.hub, parameters.ranges).unwrap());
     } else {
-        middle.spawn(tasks::sensors::measure(parts.range_bus, parameters.ranges).unwrap());
+        middle.spawn(tasks::sensors::measure(board.range_bus, parameters.ranges).unwrap());
         if parameters.ranges.bus == RangeBus::Hub {
-            middle.spawn(tasks::sensors::listen(parts.hub, parameters.ranges).unwrap());
+            middle.spawn(tasks::sensors::listen(board.hub, parameters.ranges).unwrap());
         }
     }
     let above = ABOVE.start(interrupt::DCMI);
     #[cfg(not(feature = "hil"))]
-    above.spawn(tasks::control::control(controller, parts.rig, parts.camera).unwrap());
+    above.spawn(tasks::control::control(controller, board.rig, board.camera).unwrap());
     #[cfg(feature = "hil")]
-    above.spawn(tasks::simulated::answer(parts.simulator, controller, parts.rig).unwrap());
+    above.spawn(tasks::simulated::answer(board.simulator, controller, board.rig).unwrap());
     let below = BELOW.init(Executor::new());
     below.run(|spawner| {
-        spawner.spawn(tasks::log::write(parts.card, header, start, log_number).unwrap());
+        spawner.spawn(tasks::log::write(board.card, header, ready.start, ready.log_number).unwrap());
     })
 }

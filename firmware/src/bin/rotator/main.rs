@@ -41,37 +41,17 @@ pub(crate) struct Start {
 fn main() -> ! {
     stack::paint();
     let start = Start { cause: crash::start_cause(), note: crash::take_note(), clock: clocks::find_source() };
-    let board = Board::new(executors::init_clocks(start.clock));
-    let mut watchdog = tasks::supervisor::unleash(board.watchdog);
-    let mut store = tasks::store::Store::new(Fram::new(board.fram));
+    let (early, board) = Board::new(executors::init_clocks(start.clock));
+    let mut watchdog = tasks::supervisor::unleash(early.watchdog);
+    let mut store = tasks::store::Store::new(Fram::new(early.fram));
     let (parameters, flight) = store.load();
     defmt::info!("{=str}: start {=u32}, last capture {=u32}", PROGRAM, flight.starts, flight.last_capture);
     announce(&start);
     let controller = Controller::new(parameters.clone()).continuing_after(flight.last_capture);
     let controller = CONTROLLER.init(controller);
     actuators::boot(controller, &mut watchdog);
-    executors::run(
-        executors::Parts {
-            rig: board.rig,
-            #[cfg(not(feature = "hil"))]
-            camera: board.camera,
-            range_bus: board.range_bus,
-            hub: board.hub,
-            hero_bus: board.hero_bus,
-            link: board.link,
-            #[cfg(feature = "hil")]
-            simulator: board.simulator,
-            card: board.card,
-            imu: board.imu,
-            leds: board.leds,
-            watchdog,
-            store,
-        },
-        controller,
-        &parameters,
-        start,
-        flight.log_number,
-    )
+    let ready = executors::Ready { watchdog, store, start, log_number: flight.log_number };
+    executors::run(board, ready, controller, &parameters)
 }
 
 /// Tells the pilot why the board started, where that is no news he expects.

@@ -163,21 +163,26 @@ pub(crate) struct Board {
     pub(crate) simulator: SimulatorParts,
     pub(crate) card: CardParts,
     pub(crate) imu: ImuSpi,
-    pub(crate) fram: FramSpi,
     pub(crate) leds: Leds,
+}
+
+/// What is needed before the tasks.
+pub(crate) struct Early {
+    pub(crate) fram: FramSpi,
     pub(crate) watchdog: Peri<'static, peripherals::IWDG>,
 }
 
 impl Board {
     /// Sets every pin as the table says.
-    pub(crate) fn new(p: Peripherals) -> Self {
+    pub(crate) fn new(p: Peripherals) -> (Early, Self) {
         let high = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::High, Speed::Low);
         // Set once and held: a pin whose driver is dropped lets go.
         for line in [p.PE3.into(), p.PC5.into(), p.PC2.into(), p.PE15.into(), p.PD7.into()] {
             core::mem::forget(high(line));
         }
         let open_drain = |pin: Peri<'static, AnyPin>| OutputOpenDrain::new(pin, Level::High, Speed::Low);
-        Self {
+        let early = Early { fram: fram(p.SPI2, p.PB10, p.PB15, p.PB14, p.PD10), watchdog: p.IWDG };
+        let board = Self {
             rig: Rig {
                 servo: SimplePwm::new(
                     p.TIM1,
@@ -223,14 +228,13 @@ impl Board {
                 d3: p.PC11,
             },
             imu: imu(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH5, p.DMA2_CH0, p.PC15),
-            fram: fram(p.SPI2, p.PB10, p.PB15, p.PB14, p.PD10),
             leds: Leds {
                 red: open_drain(p.PB11.into()),
                 green: open_drain(p.PB1.into()),
                 blue: open_drain(p.PB3.into()),
             },
-            watchdog: p.IWDG,
-        }
+        };
+        (early, board)
     }
 }
 
