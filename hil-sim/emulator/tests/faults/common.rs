@@ -77,6 +77,11 @@ fn mission() -> MissionFile {
     MissionFile::read(Path::new(MISSION), Some(SEED)).expect("a mission")
 }
 
+/// Whether a file of the card is a flight log, by its 8.3 name.
+pub(crate) fn is_log(name: &str) -> bool {
+    Path::new(name).extension().is_some_and(|extension| extension == "LOG")
+}
+
 /// The image.
 pub(crate) fn image() -> std::path::PathBuf {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/image/rotator.elf");

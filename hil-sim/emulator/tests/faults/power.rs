@@ -9,7 +9,7 @@ use adit_hil_sim::seed::{Random, Stream};
 use adit_protocol::log::FlightLog;
 use adit_protocol::record::{Event, EventKind, Mode};
 
-use crate::common::{Case, Flown, fly, image, parameters};
+use crate::common::{Case, Flown, fly, image, is_log, parameters};
 
 const CUTS: usize = 200;
 /// Long enough for a board to boot and open its log.
@@ -48,7 +48,7 @@ fn written_by(flown: &Flown, at_ns: u64) -> usize {
 fn log_on(card: &BlockImage) -> FlightLog {
     let files = card.root_files().expect("the volume mounts");
     let mut bytes = Vec::new();
-    for (_, file) in files.iter().filter(|(name, _)| name.ends_with(".LOG")) {
+    for (_, file) in files.iter().filter(|(name, _)| is_log(name)) {
         bytes.extend_from_slice(file);
     }
     FlightLog::from_bytes(&bytes)

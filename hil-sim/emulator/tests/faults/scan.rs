@@ -9,7 +9,7 @@ use adit_protocol::parameters::RangeBus;
 use adit_protocol::record::{EventKind, Failure, Mode, RangeFault};
 use adit_protocol::tag::TagFlags;
 
-use crate::common::{Case, board, fly, fly_with, parameters, world};
+use crate::common::{Case, board, fly, fly_with, is_log, parameters, world};
 
 const BEAMS: [(Beam, BeamName); 4] = [
     (Beam::Up, BeamName::Up),
@@ -145,7 +145,7 @@ fn a_card_that_was_pulled_and_put_back_loses_no_tag() {
     flown.expect(EventKind::LogLost, 5.0, 6.5);
     flown.expect(EventKind::LogRegained, 9.0, 11.0);
     let files = flown.report.files().expect("a volume");
-    assert_eq!(files.keys().filter(|name| name.ends_with(".LOG")).count(), 2, "{:?}", files.keys());
+    assert_eq!(files.keys().filter(|name| is_log(name)).count(), 2, "{:?}", files.keys());
     // The one that was being written when the card went may be in both files.
     let mut captures = flown.captures();
     captures.dedup();
