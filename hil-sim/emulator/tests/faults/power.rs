@@ -1,19 +1,22 @@
-//! Power cuts at 200 points of a scan: from one flight's journals both media are rebuilt as they were at each cut.
+//! Power cuts at 200 points of a scan, and at every byte of a parameter write: from one run's journals the media are
+//! rebuilt as they were at each cut.
 
 use adit_emulator::{
-    BlockImage, BlockWrite, EmulatedBoard, FRAM_BYTES, Setup, log_of, parameters_in, provisioned_fram,
+    BlockImage, BlockWrite, EmulatedBoard, FRAM_BYTES, FramWrite, Setup, log_of, parameters_in, provisioned_fram,
 };
 use adit_firmware::io::Inputs;
 use adit_hil_sim::flight::Board as _;
 use adit_hil_sim::seed::{Random, Stream};
-use adit_protocol::log::FlightLog;
-use adit_protocol::record::{Event, EventKind, Mode};
+use adit_protocol::log::{FlightLog, PARAMETERS_FILE, encode_header};
+use adit_protocol::record::{Event, EventKind, Header, Mode};
 
 use crate::common::{Case, Flown, fly, image, is_log, parameters};
 
 const CUTS: usize = 200;
 /// Long enough for a board to boot and open its log.
 const BOOT_STEPS: u64 = 300;
+/// And to take over parameters from the card and start again with them.
+const ADOPT_STEPS: u64 = 800;
 
 /// The media at a moment.
 struct Media {
@@ -35,10 +38,13 @@ fn media_at(flown: &Flown, at_ns: u64, torn: Option<usize>) -> Media {
     }
     let mut fram = provisioned_fram(&parameters()).expect("parameters fit");
     fram.resize(FRAM_BYTES, 0);
-    for write in flown.report.fram_writes.iter().filter(|write| write.at_ns < at_ns) {
-        fram[usize::from(write.address) % FRAM_BYTES] = write.byte;
-    }
+    let before = flown.report.fram_writes.iter().filter(|write: &&FramWrite| write.at_ns < at_ns);
+    before.for_each(|write| put(&mut fram, write));
     Media { card, fram }
+}
+
+fn put(fram: &mut [u8], write: &FramWrite) {
+    fram[usize::from(write.address) % FRAM_BYTES] = write.byte;
 }
 
 fn written_by(flown: &Flown, at_ns: u64) -> usize {
@@ -95,6 +101,49 @@ fn a_cut_anywhere_leaves_parameters_whole_and_costs_the_last_record_at_most() {
         }
     }
     assert_eq!(booted, 3);
+}
+
+#[test]
+fn a_cut_anywhere_in_a_parameter_write_leaves_the_old_or_the_new_ones() {
+    let old = parameters();
+    let mut new = parameters();
+    new.shutter.light_level = 0.25;
+    assert_ne!(old, new);
+    let header = Header::new(&new, "adit").and_then(|header| encode_header(&header)).expect("a header");
+    let mut provisioned = provisioned_fram(&old).expect("parameters fit");
+    provisioned.resize(FRAM_BYTES, 0);
+    // The board starts with a FRAM of this content and with the new parameters on its card.
+    let starts = |fram: Vec<u8>| {
+        let mut setup = Setup { fram, ..Setup::new(5).expect("a card") };
+        setup.card.put_file(PARAMETERS_FILE, &header).expect("room on the card");
+        let mut board = EmulatedBoard::new(&image(), &old, setup).expect("a board");
+        for step in 0..ADOPT_STEPS {
+            board.step(step * 5_000, &Inputs::default()).expect("a step");
+        }
+        board.finish().expect("a report")
+    };
+    let writes = starts(provisioned.clone()).fram_writes;
+    let after = |count: usize| {
+        let mut fram = provisioned.clone();
+        writes[..count].iter().for_each(|write| put(&mut fram, write));
+        fram
+    };
+    let is_new = |count: usize| {
+        let found = parameters_in(&after(count)).expect("the FRAM");
+        assert!(
+            found.as_ref() == Some(&old) || found.as_ref() == Some(&new),
+            "cut after {count} of {} bytes: {found:?}",
+            writes.len()
+        );
+        found.as_ref() == Some(&new)
+    };
+    // The bytes of the parameters themselves: after this many they are the new ones; most cuts fall before it.
+    let whole = (0..=writes.len()).find(|count| is_new(*count)).expect("the new parameters were never written");
+    assert!(whole > CUTS, "only {whole} bytes: not {CUTS} places to cut");
+    assert!((whole..=writes.len()).all(is_new), "new parameters that were written were lost again");
+    // Cut in the middle of them, the board takes them over at its next start.
+    let report = starts(after(whole - CUTS / 2));
+    assert_eq!(parameters_in(&report.fram).expect("the FRAM"), Some(new));
 }
 
 /// The board starts again on what the cut left: with its parameters, with a new log file.
