@@ -171,11 +171,6 @@ impl EmulatedBoard {
         self.said[TELEM2].extend(bytes);
     }
 
-    /// Turns the safety switch: on forbids servo and shutter.
-    pub fn set_safety_switch(&mut self, on: bool) {
-        self.equipment.safety_switch = on;
-    }
-
     /// Switches the board off and says how it went.
     ///
     /// # Errors
@@ -205,9 +200,10 @@ impl EmulatedBoard {
         while self.now_ns < until_ns {
             self.switch();
             let next_ns = self.faults.power_edge(self.now_ns, until_ns).unwrap_or(until_ns);
+            let safety_switch = self.faults.holds(BoardFaultKind::SafetySwitch, self.now_ns);
             let mut step = Step {
                 until_ns: next_ns.saturating_sub(self.epoch_ns),
-                sensed: self.equipment.sense(self.now_ns / 1000, &self.inputs),
+                sensed: self.equipment.sense(self.now_ns / 1000, &self.inputs, safety_switch),
                 ..Step::default()
             };
             if let Power::On(run) = &self.power {

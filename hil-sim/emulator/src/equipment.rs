@@ -29,7 +29,6 @@ pub(crate) struct Equipment {
     confirm: ConfirmLine,
     motion: Motion,
     last: Option<(u64, Vector3<f64>)>,
-    pub(crate) safety_switch: bool,
 }
 
 impl Equipment {
@@ -41,7 +40,6 @@ impl Equipment {
             confirm: ConfirmLine::default(),
             motion: Motion::default(),
             last: None,
-            safety_switch: false,
         }
     }
 
@@ -63,7 +61,7 @@ impl Equipment {
     }
 
     /// What is sensed from `now_us` on.
-    pub(crate) fn sense(&mut self, now_us: u64, inputs: &Inputs) -> Sensed {
+    pub(crate) fn sense(&mut self, now_us: u64, inputs: &Inputs, safety_switch: bool) -> Sensed {
         let mut ranges_mm = Beams::default();
         for beam in Beam::ALL {
             let plug = self.ranges.get_mut(beam);
@@ -76,7 +74,7 @@ impl Equipment {
             motion: self.motion,
             camera_busy: inputs.camera.busy,
             camera_confirm: self.confirm.level(now_us, inputs.camera.photos_stored),
-            safety_switch: self.safety_switch,
+            safety_switch,
         }
     }
 }

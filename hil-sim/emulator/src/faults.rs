@@ -24,6 +24,8 @@ pub enum BoardFaultKind {
     CoreHang,
     /// The core's next access to a peripheral fails, which is a hard fault.
     CoreCrash,
+    /// Somebody turns the safety switch on, which forbids servo and shutter; off again at the end.
+    SafetySwitch,
     /// The supply fails; it comes back at the end.
     PowerCut,
 }

@@ -88,6 +88,19 @@ fn a_silent_encoder_degrades_the_scan_and_marks_the_tags() {
 }
 
 #[test]
+fn the_safety_switch_takes_servo_and_shutter_away_whatever_the_mode() {
+    let flown =
+        fly(&Case { board: vec![board(BoardFaultKind::SafetySwitch, 6.0, 7.0)], most_s: 8.0, ..Case::default() });
+    let driven = |from_s: f64, to_s: f64| {
+        let between = flown.pins.iter().filter(move |(at_s, _)| (from_s..to_s).contains(at_s));
+        between.filter(|(_, pins)| pins.servo_pulse_us.is_some() || pins.shutter).count()
+    };
+    assert!(driven(5.0, 6.0) > 0, "it was not scanning");
+    assert_eq!(driven(6.05, 7.0), 0);
+    assert!(driven(7.05, 8.0) > 0, "not given back");
+}
+
+#[test]
 fn a_stalled_servo_ends_in_fault_without_pulse_and_without_photos() {
     let flown = fly(&Case { world: vec![world(FaultKind::ServoStall, 5.0, 60.0)], most_s: 18.0, ..Case::default() });
     let failed_s = flown.when(EventKind::Failed(Failure::Shaft));
