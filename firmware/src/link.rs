@@ -20,8 +20,8 @@
 use adit_geometry::angles::unwrap_near;
 use adit_protocol::beams::Beam;
 use adit_protocol::mavlink::{
-    AUTOPILOT_COMPONENT, BOARD_COMPONENT, Beat, CommandResult, Counters, FrameDecoder, Incoming, NO_AUTOPILOT,
-    OutFrame, RangeReport, RawFrame, Sender, Severity, TEXT_BYTES, command,
+    AUTOPILOT_COMPONENT, BOARD_COMPONENT, CommandResult, Counters, FrameDecoder, Incoming, NO_AUTOPILOT, OutFrame,
+    RangeReport, RawFrame, Sender, Severity, TEXT_BYTES, Target, command,
 };
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::Mode;
@@ -115,7 +115,7 @@ pub struct Link {
     command: Option<Command>,
     readdressing: Option<Readdressing>,
     last_command: Timed<u16>,
-    answers: heapless::Deque<(u16, CommandResult), 4>,
+    answers: heapless::Deque<(u16, CommandResult, Target), 4>,
     notices: heapless::Deque<(Severity, heapless::String<TEXT_BYTES>), 4>,
     shown: Shown,
     due: Due,
@@ -150,7 +150,7 @@ impl Link {
         Self {
             decoder: FrameDecoder::default(),
             // Number 1 is what every autopilot leaves the factory with.
-            sender: Sender::new(1),
+            sender: Sender::new(1, BOARD_COMPONENT),
             system: None,
             heartbeat_us: None,
             attitude: None,
@@ -191,13 +191,13 @@ impl Link {
         match incoming {
             Incoming::Heartbeat { autopilot, .. } if from_autopilot && autopilot != NO_AUTOPILOT => {
                 self.system = Some(frame.system);
-                self.sender.set_system(frame.system);
+                self.sender.system = frame.system;
                 self.heartbeat_us = Some(now_us);
             }
             Incoming::Attitude { angles_rad } if from_autopilot && angles_rad.iter().all(ComplexField::is_finite) => {
                 self.attitude = Some((angles_rad, now_us));
             }
-            Incoming::LocalPosition { position_m: [north_m, east_m, _], velocity_mps: [vn_mps, ve_mps, _] }
+            Incoming::LocalPosition { position_m: [north_m, east_m, _], velocity_mps: [vn_mps, ve_mps, _], .. }
                 if from_autopilot && [north_m, east_m, vn_mps, ve_mps].iter().all(ComplexField::is_finite) =>
             {
                 self.position = Some((([north_m, east_m], [vn_mps, ve_mps]), now_us));
@@ -206,13 +206,13 @@ impl Link {
             Incoming::Command { target, command, confirmation, parameters }
                 if target == [self.system.unwrap_or(1), BOARD_COMPONENT] =>
             {
-                self.obey(now_us, command, confirmation, &parameters);
+                self.obey(now_us, [frame.system, frame.component], command, confirmation, &parameters);
             }
             _ => {}
         }
     }
 
-    fn obey(&mut self, now_us: u64, number: u16, confirmation: u8, parameters: &[f32; 7]) {
+    fn obey(&mut self, now_us: u64, from: Target, number: u16, confirmation: u8, parameters: &[f32; 7]) {
         let [first, second, ..] = *parameters;
         let readdressing = readdressing(first, second)
             .filter(|_| number == command::READDRESS && matches!(self.shown.mode, Mode::Idle | Mode::Fault));
@@ -226,7 +226,7 @@ impl Link {
         let known = wanted.is_some() || readdressing.is_some();
         let result = if known { CommandResult::Accepted } else { CommandResult::Unsupported };
         // Who gets no answer asks again.
-        let _ = self.answers.push_back((number, result));
+        let _ = self.answers.push_back((number, result, from));
         let repeated = self
             .last_command
             .is_some_and(|(last, at_us)| confirmation > 0 && last == number && !has_passed(at_us, now_us, REPEATED_S));
@@ -327,16 +327,16 @@ impl Link {
 
     /// The next frame that is due.
     pub fn next_frame(&mut self, now_us: u64) -> Option<OutFrame> {
-        if let Some((number, result)) = self.answers.pop_front() {
-            return Some(self.sender.command_ack(number, result));
+        if let Some((number, result, to)) = self.answers.pop_front() {
+            return Some(self.sender.command_ack(number, result, to));
         }
         let stepped_us = self.shown.stepped_us?;
         let steps = !has_passed(stepped_us, now_us, STALLED_S);
         if steps && is_due(&mut self.due.heartbeat_us, now_us, HEARTBEAT_S) {
-            return Some(self.sender.heartbeat(Beat { mode: self.shown.mode }));
+            return Some(self.sender.heartbeat(self.shown.mode));
         }
         if let Some(speed_mps) = self.limit_due(now_us).filter(|_| steps) {
-            return Some(self.sender.change_speed(speed_mps));
+            return Some(self.sender.change_speed([self.sender.system, AUTOPILOT_COMPONENT], 0, speed_mps));
         }
         if let Some((severity, text)) = self.notices.pop_front() {
             return Some(self.sender.text(severity, &text));

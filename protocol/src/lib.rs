@@ -11,3 +11,4 @@ pub mod mission;
 pub mod parameters;
 pub mod record;
 pub mod tag;
+pub mod telemetry;

@@ -24,7 +24,7 @@ use crate::parameters::Parameters;
 use crate::record::{Entry, Header, Record};
 
 /// Version of the log's format.
-pub const FORMAT: u16 = 2;
+pub const FORMAT: u16 = 3;
 
 /// The longest frame, both zeros included. A header with a chain of 24 vertices needs about 700 bytes.
 pub const MAX_FRAME_BYTES: usize = 1024;

@@ -8,6 +8,8 @@ use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersio
 use proptest::prelude::*;
 
 use super::*;
+
+const BASE_MODE: u8 = HEARTBEAT_DATA::DEFAULT.base_mode.bits();
 use crate::beams::Beam;
 use crate::record::Mode;
 
@@ -60,11 +62,14 @@ fn both_versions_of_what_peers_send_are_read() {
     };
     let heartbeat = HEARTBEAT_DATA { custom_mode: 5, ..HEARTBEAT_DATA::DEFAULT };
     let messages = [
-        (MavMessage::HEARTBEAT(heartbeat), Incoming::Heartbeat { autopilot: 0, custom_mode: 5 }),
+        (
+            MavMessage::HEARTBEAT(heartbeat),
+            Incoming::Heartbeat { kind: 0, autopilot: 0, base_mode: BASE_MODE, custom_mode: 5 },
+        ),
         (attitude(), Incoming::Attitude { angles_rad: [0.1, -0.2, 3.0] }),
         (
             MavMessage::LOCAL_POSITION_NED(position),
-            Incoming::LocalPosition { position_m: [1.5, -2.0, 0.0], velocity_mps: [0.25, 0.0, -0.5] },
+            Incoming::LocalPosition { boot_ms: 0, position_m: [1.5, -2.0, 0.0], velocity_mps: [0.25, 0.0, -0.5] },
         ),
         (
             MavMessage::COMMAND_LONG(command),
@@ -81,7 +86,7 @@ fn both_versions_of_what_peers_send_are_read() {
             let frames = decoded(&written(version, message));
             let [frame] = &frames[..] else { panic!("{} frames", frames.len()) };
             assert_eq!((frame.system, frame.component, frame.sequence), (1, 1, 9));
-            assert_eq!(Incoming::read(frame), Some(*expected), "{version:?}");
+            assert_eq!(Incoming::read(frame), Some(expected.clone()), "{version:?}");
         }
     }
 }
@@ -96,20 +101,24 @@ fn an_unknown_value_of_an_enum_costs_nothing() {
     bytes[end..].copy_from_slice(&crc.to_le_bytes());
     assert!(parsed(&bytes).1.is_err());
     let frames = decoded(&bytes);
-    assert_eq!(Incoming::read(&frames[0]), Some(Incoming::Heartbeat { autopilot: 200, custom_mode: 0 }));
+    assert_eq!(
+        Incoming::read(&frames[0])
+            .map(|said| matches!(said, Incoming::Heartbeat { autopilot: 200, custom_mode: 0, .. })),
+        Some(true)
+    );
 }
 
 #[test]
 fn peers_read_what_the_board_sends() {
-    let mut sender = Sender::new(7);
+    let mut sender = Sender::new(7, BOARD_COMPONENT);
     let text = heapless::String::try_from("log lost: the card is full").unwrap();
     let frames = [
-        sender.heartbeat(Beat { mode: Mode::Scanning }),
-        sender.change_speed(0.25),
+        sender.heartbeat(Mode::Scanning),
+        sender.change_speed([7, 1], 0, 0.25),
         sender.named_value(1234, "off_y", -0.1),
         sender.text(Severity::Warning, &text),
         sender.range(5, &RangeReport { beam: Beam::Left, range_m: 1.5, limits_m: [0.5, 15.0] }),
-        sender.command_ack(command::ARM_DISARM, CommandResult::Accepted),
+        sender.command_ack(command::ARM_DISARM, CommandResult::Accepted, [255, 190]),
     ];
     for (sequence, frame) in frames.iter().enumerate() {
         let (header, _) = parsed(frame);
@@ -140,8 +149,10 @@ proptest! {
         }
         // What looked like the start of a long frame is judged when that many bytes have come.
         bytes.extend_from_slice(&[0; MAX_FRAME_BYTES]);
-        let found = decoded(&bytes).iter().filter(|frame| frame.message == ATTITUDE_DATA::ID).count();
-        prop_assert_eq!(found, pieces.len());
+        // One stretch of garbage in 65,536 has a CRC that fits, and may swallow a frame.
+        let (found, lucky): (Vec<_>, Vec<_>) =
+            decoded(&bytes).into_iter().partition(|frame| frame.message == ATTITUDE_DATA::ID);
+        prop_assert!(found.len() == pieces.len() || !lucky.is_empty(), "{} of {}", found.len(), pieces.len());
     }
 
     #[test]

@@ -176,6 +176,8 @@ fn link(mut section: Section<'_>) -> LinkParameters {
     let link = LinkParameters {
         baud: section.integer_or("baud", 9600, 3_000_000, default.baud),
         axis_yaw_rad: section.maybe_number("axis_yaw_deg", yaw).map(radians),
+        signed_telemetry: section.flag_or("signed_telemetry", default.signed_telemetry),
+        lead_mps: section.single_or("lead_mps", Quantity::new(Unit::MetrePerSecond, 0.0, 10.0), default.lead_mps),
     };
     section.finish();
     link

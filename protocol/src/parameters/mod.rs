@@ -3,10 +3,15 @@
 //! The mission file fills it on a host, the board keeps it in its memory, and every log starts with it. Each default
 //! stands with its reason.
 
+mod slot;
+mod table;
+
 use adit_geometry::camera::{Camera, Distortion};
 use adit_geometry::profile::ProfileSpec;
 use adit_geometry::rig::{ImageUp, Rig};
 use serde::{Deserialize, Serialize};
+
+pub use table::{ParameterTable, Row, SetError};
 
 use crate::beams::Beams;
 
@@ -336,6 +341,11 @@ pub struct LinkParameters {
     pub baud: u32,
     /// Yaw of the tunnel's axis as the autopilot counts yaw; `None`: the vehicle's yaw when it is armed.
     pub axis_yaw_rad: Option<f32>,
+    /// With a key: must the autopilot's attitude, place and speed be signed as well? Commands must be in any case.
+    pub signed_telemetry: bool,
+    /// The speed at which the board leads the vehicle along the tunnel while it scans in `ArduPilot`'s mode Guided, as far as
+    /// the limit allows; 0 leaves that to others.
+    pub lead_mps: f32,
 }
 
 impl Default for LinkParameters {
@@ -345,6 +355,10 @@ impl Default for LinkParameters {
             baud: 921_600,
             // A vehicle is armed where it will fly: nose down the tunnel.
             axis_yaw_rad: None,
+            // Autopilots that sign do not always sign what they stream.
+            signed_telemetry: false,
+            // The pilot leads.
+            lead_mps: 0.0,
         }
     }
 }
