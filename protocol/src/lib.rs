@@ -4,6 +4,8 @@
 #![forbid(unsafe_code)]
 
 pub mod beams;
+#[cfg(feature = "std")]
+pub mod connection;
 pub mod log;
 pub mod mavlink;
 #[cfg(feature = "std")]
