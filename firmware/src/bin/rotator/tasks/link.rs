@@ -82,8 +82,8 @@ pub(crate) async fn talk(mut parts: LinkParts, mut service: ServiceRx, link: &'s
         CHECK_INS.report(Task::Link, now_us());
         while let Some((ports, frame)) = link.next_frame(now_us()) {
             if service.is_some() && ports.contains(Port::Service) {
-                // The link sends no more than the line carries; should it be full nevertheless, the frame is lost.
-                let _ = SERVICE_FRAMES.try_send(frame.clone());
+                // A line takes what it is given, so this waits for a few milliseconds at most.
+                SERVICE_FRAMES.send(frame.clone()).await;
             }
             if ports.contains(Port::Autopilot) {
                 // The line's faults show at the other end.
