@@ -2,6 +2,7 @@
 //! virtual time and leaves what a real flight leaves.
 #![forbid(unsafe_code)]
 
+pub mod autopilot;
 pub mod card;
 pub mod check;
 pub mod command;
