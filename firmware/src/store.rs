@@ -25,7 +25,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-pub use board::{FlightState, FlightStore, HashedParameters, ParameterStore};
+pub use board::{FlightState, FlightStore, HashedParameters, LinkStore, ParameterStore};
 
 use crate::drivers::memory::Memory;
 

@@ -6,8 +6,9 @@ use embedded_sdmmc::{BlockDevice, Error, Mode, RawFile, TimeSource, VolumeIdx, V
 
 use super::card::{Layout, SECTOR_BYTES, layout_of};
 use super::error::{Doing, RecorderError};
-use super::guard::{Guard, Refused};
+use super::guard::Guard;
 use super::number::{Taken, name_of};
+use super::shelf::{Volumes, failed};
 
 /// What the file grows by: a multiple of every cluster size, and of 2^16, see the module doc of the recorder.
 const CHUNK_BYTES: u32 = 64 * 1024;
@@ -16,8 +17,6 @@ const CHUNK_BYTES: u32 = 64 * 1024;
 const MAX_FILE_BYTES: u32 = (1 << 24) - CHUNK_BYTES;
 
 const ZEROS: [u8; SECTOR_BYTES as usize] = [0; SECTOR_BYTES as usize];
-
-type Volumes<'d, D, T> = VolumeManager<Guard<'d, D>, T, 1, 1, 1>;
 
 #[derive(Debug)]
 pub(crate) struct ZeroedFile<'d, D: BlockDevice, T: TimeSource> {
@@ -152,16 +151,4 @@ impl<'d, D: BlockDevice, T: TimeSource> ZeroedFile<'d, D, T> {
 fn full<E: core::error::Error + 'static>(layout: &Layout, free: u32, wanted: u32) -> RecorderError<E> {
     let bytes = |clusters| u64::from(clusters) * u64::from(layout.cluster_bytes);
     RecorderError::Full { free_bytes: bytes(free), wanted_bytes: bytes(wanted) }
-}
-
-/// Tells whether the device failed or the library found something wrong.
-fn failed<D: BlockDevice, T: TimeSource>(
-    volumes: &Volumes<'_, D, T>,
-    doing: Doing,
-    error: Error<Refused>,
-) -> RecorderError<D::Error> {
-    match volumes.device(|guard| guard.take_error()) {
-        Some(error) => RecorderError::Device { doing, error },
-        None => RecorderError::FileSystem { doing, error },
-    }
 }

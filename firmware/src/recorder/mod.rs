@@ -23,6 +23,7 @@ mod file;
 mod guard;
 mod number;
 mod offered;
+mod shelf;
 
 use embedded_sdmmc::{BlockDevice, TimeSource};
 
@@ -30,6 +31,7 @@ pub use card::CardFormat;
 pub use error::{Doing, RecorderError};
 pub use guard::Refused;
 pub use offered::{Offer, offered_parameters};
+pub use shelf::{logs, read_log};
 
 use card::SECTOR_BYTES;
 use file::ZeroedFile;

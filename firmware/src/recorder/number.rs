@@ -37,7 +37,8 @@ impl Taken {
     }
 }
 
-fn number_of(name: &ShortFileName) -> Option<u16> {
+/// The number of a log by its name.
+pub(crate) fn number_of(name: &ShortFileName) -> Option<u16> {
     let digits = name.base_name().strip_prefix(b"ADIT")?;
     if name.extension() != b"LOG" || digits.len() != 4 || !digits.iter().all(u8::is_ascii_digit) {
         return None;

@@ -3,22 +3,35 @@
 //! ```text
 //! 0x0000  2 x 1024  parameters
 //! 0x0800  2 x 64    flight state
-//! 0x0880            free
+//! 0x0880  2 x 64    value borrowed from the autopilot
+//! 0x0900  2 x 64    key
+//! 0x0980  2 x 256   signatures heard
+//! 0x0B80            free
 //! ```
 
 use core::marker::PhantomData;
 
 use adit_protocol::log::parameters_hash;
+use adit_protocol::mavlink::{Key, Streams};
 use adit_protocol::parameters::Parameters;
 use serde::{Deserialize, Serialize};
 
 use super::{Place, StoreError, Stored};
 use crate::drivers::memory::Memory;
+use crate::link;
 
 /// The longest parameters (a chain of 24 vertices) take about 530 bytes.
 const PARAMETERS: Place<Parameters, 1024> = Place { mark: *b"adPa", version: 2, address: 0, value: PhantomData };
 
 const FLIGHT: Place<FlightState, 64> = Place { mark: *b"adFl", version: 1, address: 0x0800, value: PhantomData };
+
+const BORROWED: Place<Option<link::Borrowed>, 64> =
+    Place { mark: *b"adBo", version: 1, address: 0x0880, value: PhantomData };
+
+const KEY: Place<Option<Key>, 64> = Place { mark: *b"adKy", version: 1, address: 0x0900, value: PhantomData };
+
+/// Twelve streams of 13 bytes at most, and the newest time.
+const STREAMS: Place<Streams, 256> = Place { mark: *b"adSt", version: 1, address: 0x0980, value: PhantomData };
 
 /// Parameters with the hash that goes into log and telemetry.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,6 +113,37 @@ impl FlightStore {
     }
 }
 
+/// What the link must know from before the board's start, in the board's memory.
+#[derive(Clone, Copy, Debug)]
+pub struct LinkStore;
+
+impl LinkStore {
+    /// Reads what there is.
+    ///
+    /// # Errors
+    /// [`StoreError::Memory`] if the memory does not answer. Without its memory a board has no key, and says so.
+    pub fn load<M: Memory>(memory: &mut M) -> Result<link::Memory, StoreError<M::Error>> {
+        Ok(link::Memory {
+            borrowed: BORROWED.load(memory)?.value().flatten(),
+            key: KEY.load(memory)?.value().flatten(),
+            streams: STREAMS.load(memory)?.value().unwrap_or_default(),
+        })
+    }
+
+    /// Keeps one thing.
+    ///
+    /// # Errors
+    /// Any [`StoreError`]; the old value survives.
+    pub fn save<M: Memory>(memory: &mut M, keep: &link::Keep) -> Result<(), StoreError<M::Error>> {
+        match keep {
+            link::Keep::Borrowed(borrowed) => BORROWED.save(memory, borrowed),
+            link::Keep::Key(key) => KEY.save(memory, key),
+            link::Keep::Streams(streams) => STREAMS.save(memory, streams),
+            link::Keep::Parameters(parameters) => ParameterStore::save(memory, parameters),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -122,6 +166,27 @@ mod tests {
     #[test]
     fn places_do_not_overlap() {
         assert!(usize::from(PARAMETERS.address) + Place::<Parameters, 1024>::BYTES <= usize::from(FLIGHT.address));
-        assert!(usize::from(FLIGHT.address) + Place::<FlightState, 64>::BYTES <= 16 * 1024);
+        assert!(usize::from(FLIGHT.address) + Place::<FlightState, 64>::BYTES <= usize::from(BORROWED.address));
+        assert!(usize::from(BORROWED.address) + Place::<Option<link::Borrowed>, 64>::BYTES <= usize::from(KEY.address));
+        assert!(usize::from(KEY.address) + Place::<Option<Key>, 64>::BYTES <= usize::from(STREAMS.address));
+        assert!(usize::from(STREAMS.address) + Place::<Streams, 256>::BYTES <= 16 * 1024);
+    }
+
+    #[test]
+    fn the_link_finds_what_it_left() {
+        let mut memory = crate::store::tests::Fram::filled_with(0);
+        let borrowed = link::Borrowed { parameter: link::LimitParameter::LoiterMetres, value: 12.5 };
+        let streams = Streams::starting_at(u64::MAX >> 16);
+        for keep in [
+            link::Keep::Borrowed(Some(borrowed)),
+            link::Keep::Key(Some(Key([9; 32]))),
+            link::Keep::Streams(streams.clone()),
+        ] {
+            LinkStore::save(&mut memory, &keep).unwrap();
+        }
+        let found = LinkStore::load(&mut memory).unwrap();
+        assert_eq!((found.borrowed, found.key, found.streams), (Some(borrowed), Some(Key([9; 32])), streams));
+        LinkStore::save(&mut memory, &link::Keep::Borrowed(None)).unwrap();
+        assert_eq!(LinkStore::load(&mut memory).unwrap().borrowed, None);
     }
 }

@@ -7,17 +7,17 @@ use super::*;
 
 /// The power is gone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct PowerGone;
+pub(super) struct PowerGone;
 
 /// 16 KiB that take `bytes_left` more bytes before the power goes.
 #[derive(Clone)]
-struct Fram {
+pub(super) struct Fram {
     bytes: Vec<u8>,
     bytes_left: usize,
 }
 
 impl Fram {
-    fn filled_with(byte: u8) -> Self {
+    pub(super) fn filled_with(byte: u8) -> Self {
         Self { bytes: vec![byte; 16 * 1024], bytes_left: usize::MAX }
     }
 

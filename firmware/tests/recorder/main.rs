@@ -5,7 +5,7 @@ mod failing;
 mod formats;
 mod power;
 
-use adit_firmware::recorder::{Recorder, RecorderError};
+use adit_firmware::recorder::{Recorder, RecorderError, logs, read_log};
 use adit_protocol::log::{Decoder, encode_entry, encode_header};
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::{Entry, Header, Record, TagUpdate};
@@ -154,4 +154,31 @@ fn writes_of(geometry: Geometry) -> String {
         "{fat:?} {cluster}: open {opening}; record {mean:.2}, at most {worst} and {worst_reads} reads; \
          extension {extension}, its steps at most {step}"
     )
+}
+
+#[test]
+fn logs_are_listed_and_read_beside_the_one_that_is_written() {
+    let card = Card::formatted(FAT32_TINY);
+    for number in [3, 1, 2] {
+        let mut recorder = open(&card, number).unwrap();
+        recorder.append(&encode_entry(&tag(number)).unwrap()).unwrap();
+        recorder.commit().unwrap();
+    }
+    let mut recorder = open(&card, 4).unwrap();
+    let listed = logs::<_, _, 3>(&card, NoClock).unwrap();
+    assert_eq!(listed, [2, 3, 4].map(|number| (number, CHUNK_BYTES as u32)));
+    recorder.append(&encode_entry(&tag(9)).unwrap()).unwrap();
+    recorder.commit().unwrap();
+    let mut fetched = Vec::new();
+    loop {
+        let mut bytes = [0; 450];
+        let count = read_log(&card, NoClock, 4, fetched.len() as u32, &mut bytes).unwrap();
+        fetched.extend_from_slice(&bytes[..count]);
+        if count < bytes.len() {
+            break;
+        }
+    }
+    assert_eq!(fetched, files_of(&mut card.image.borrow_mut())[&name(4)]);
+    assert_eq!(read_log(&card, NoClock, 4, u32::MAX, &mut [0; 8]).unwrap(), 0);
+    assert_eq!(read_log(&card, NoClock, 77, 0, &mut [0; 8]).unwrap(), 0);
 }

@@ -3,8 +3,8 @@
 use mavlink::MessageData;
 use mavlink::dialects::common::{
     COMMAND_LONG_DATA, HEARTBEAT_DATA, LOG_REQUEST_DATA_DATA, LOG_REQUEST_END_DATA, LOG_REQUEST_LIST_DATA,
-    MavAutopilot, MavCmd, MavModeFlag, MavState, MavType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA,
-    PARAM_SET_DATA, SETUP_SIGNING_DATA,
+    MavAutopilot, MavCmd, MavFrame, MavModeFlag, MavState, MavType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA,
+    PARAM_SET_DATA, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA, SETUP_SIGNING_DATA,
 };
 use mavlink::types::CharArray;
 
@@ -55,6 +55,32 @@ impl Sender {
             *place = byte;
         }
         self.wrap(SET_VELOCITY_LIMITS, &payload)
+    }
+
+    /// Wants the vehicle to fly a velocity: north, east, down. It keeps its yaw.
+    pub fn velocity_setpoint(
+        &mut self,
+        [target_system, target_component]: Target,
+        time_ms: u32,
+        [vx, vy, vz]: [f32; 3],
+    ) -> OutFrame {
+        // Everything but the velocity is left to the autopilot.
+        let type_mask = PositionTargetTypemask::all()
+            - PositionTargetTypemask::POSITION_TARGET_TYPEMASK_VX_IGNORE
+            - PositionTargetTypemask::POSITION_TARGET_TYPEMASK_VY_IGNORE
+            - PositionTargetTypemask::POSITION_TARGET_TYPEMASK_VZ_IGNORE
+            - PositionTargetTypemask::POSITION_TARGET_TYPEMASK_FORCE_SET;
+        self.frame(&SET_POSITION_TARGET_LOCAL_NED_DATA {
+            time_boot_ms: time_ms,
+            vx,
+            vy,
+            vz,
+            type_mask,
+            target_system,
+            target_component,
+            coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            ..SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT
+        })
     }
 
     /// Asks for a parameter by its name.

@@ -122,6 +122,11 @@ pub struct Streams {
 }
 
 impl Streams {
+    /// Nothing heard yet, at this time.
+    pub fn starting_at(newest: u64) -> Self {
+        Self { newest, streams: heapless::Vec::new() }
+    }
+
     /// Moves everything on by the time that may have passed since this was kept, so that nothing heard since is heard again.
     pub fn skip(&mut self, units: u64) {
         self.newest = self.newest.saturating_add(units);

@@ -2,14 +2,14 @@
 
 use adit_firmware::controller::Controller;
 use adit_firmware::io::{Inputs, Outputs};
-use adit_protocol::record::Mode;
+use adit_protocol::record::{Entry, Event, EventKind, Mode};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::timer::GeneralInstance4Channel;
 use embassy_stm32::timer::simple_pwm::SimplePwmChannel;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Instant;
 
-use crate::blackboard::{KEEP, Keep, log, newest};
+use crate::blackboard::{CAPTURES, KEEP, Keep, log, newest};
 use crate::pins::{Rig, SERVO_HZ};
 
 /// Lets the controller compute its tables, before anything else runs: a piece of them takes longer than any bus may wait.
@@ -49,6 +49,14 @@ fn set_duty<T: GeneralInstance4Channel>(channel: &mut SimplePwmChannel<'_, T>, s
 /// Hands the outputs on.
 pub(crate) fn publish(outputs: Outputs) {
     log(|queue| outputs.entries.iter().for_each(|entry| queue.entry(*entry)));
+    for entry in &outputs.entries {
+        if matches!(
+            entry,
+            Entry::Tag(_) | Entry::TagUpdate(_) | Entry::Event(Event { kind: EventKind::Missed { .. }, .. })
+        ) {
+            let _ = CAPTURES.try_send(*entry);
+        }
+    }
     let captures = outputs.display.captures;
     let before = newest(|newest| core::mem::replace(&mut newest.outputs, outputs));
     if before.display.captures != captures {

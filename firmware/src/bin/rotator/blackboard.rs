@@ -5,7 +5,10 @@
 //! | newest readings | sensors, imu, link, log | control | replaced |
 //! | newest outputs | control | link, supervisor | replaced |
 //! | log entries | control | log | [`LogQueue`]'s policy: tags win, drops are counted |
-//! | what is to be kept | control, log | store | the newest is dropped; the next number is larger |
+//! | what is to be kept | control, log, link | store | the newest is dropped; the next number is larger, and the link tries again |
+//! | whether it is | store | link | waits: one at a time |
+//! | tags and what becomes of them | control | link | the newest is dropped; programs on the ground have the log |
+//! | wishes for logs, and bytes of them | link, log | log, link | waits: one at a time |
 //! | notices | anyone | link | the newest is dropped: the first trouble tells most |
 //!
 //! Every access is short and happens with interrupts off; nothing is computed there.
@@ -15,9 +18,10 @@ use core::cell::RefCell;
 use adit_firmware::health::CheckIns;
 use adit_firmware::io::{CameraStatus, Command, Outputs, RangeSample};
 use adit_firmware::journal::LogQueue;
-use adit_firmware::link::{Readdressing, VehicleView};
+use adit_firmware::link::{self, LogAnswer, LogWish, Readdressing, VehicleView};
 use adit_protocol::beams::Beams;
 use adit_protocol::parameters::Parameters;
+use adit_protocol::record::Entry;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
@@ -58,10 +62,20 @@ pub(crate) enum Keep {
     LogFile(u32),
     /// New parameters; the board restarts with them.
     Parameters(Parameters),
+    /// What the link wants to find after the next start; it waits for [`KEPT`].
+    Link(link::Keep),
 }
 
 /// What is to be kept.
 pub(crate) static KEEP: Channel<CriticalSectionRawMutex, Keep, 4> = Channel::new();
+/// Whether the link's last wish is kept.
+pub(crate) static KEPT: Channel<CriticalSectionRawMutex, bool, 1> = Channel::new();
+/// What the link shall tell of captures.
+pub(crate) static CAPTURES: Channel<CriticalSectionRawMutex, Entry, 8> = Channel::new();
+/// What is wanted of the card's logs.
+pub(crate) static LOG_WISHES: Channel<CriticalSectionRawMutex, LogWish, 1> = Channel::new();
+/// What the card says.
+pub(crate) static LOG_ANSWERS: Channel<CriticalSectionRawMutex, (LogWish, LogAnswer), 1> = Channel::new();
 /// What the pilot shall read.
 pub(crate) static NOTICES: Channel<CriticalSectionRawMutex, Notice, 4> = Channel::new();
 /// Who has reported when.

@@ -2,6 +2,7 @@
 #![allow(unsafe_code, reason = "an interrupt executor is driven from a vector, which embassy marks as unsafe")]
 
 use adit_firmware::controller::Controller;
+use adit_firmware::link::Link;
 use adit_protocol::parameters::{Parameters, RangeBus, Trigger};
 use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
@@ -51,6 +52,7 @@ pub(crate) fn init_clocks(source: ClockSource) -> Peripherals {
 pub(crate) struct Ready {
     pub(crate) watchdog: IndependentWatchdog<'static, IWDG>,
     pub(crate) store: Store,
+    pub(crate) link: &'static mut Link,
     pub(crate) start: Start,
     pub(crate) log_number: u32,
 }
@@ -65,7 +67,15 @@ pub(crate) fn run(board: Board, ready: Ready, controller: &'static mut Controlle
     middle.spawn(tasks::supervisor::supervise(ready.watchdog, board.leds).unwrap());
     middle.spawn(tasks::store::keep(ready.store).unwrap());
     middle.spawn(tasks::imu::watch(board.imu).unwrap());
-    middle.spawn(tasks::link::talk(board.link, parameters.clone()).unwrap());
+    #[cfg(not(feature = "hil"))]
+    let service = {
+        let (tx, rx) = tasks::link::open_service(board.service);
+        middle.spawn(tasks::link::write_service(tx).unwrap());
+        Some(rx)
+    };
+    #[cfg(feature = "hil")]
+    let service = None;
+    middle.spawn(tasks::link::talk(board.link, service, ready.link, parameters.link.baud).unwrap());
     if parameters.shutter.trigger == Trigger::HeroBus {
         middle.spawn(tasks::herobus::answer(board.range_bus, board.hero_bus).unwrap());
         middle.spawn(tasks::sensors::listen(board.hub, parameters.ranges).unwrap());
@@ -79,7 +89,7 @@ pub(crate) fn run(board: Board, ready: Ready, controller: &'static mut Controlle
     #[cfg(not(feature = "hil"))]
     above.spawn(tasks::control::control(controller, board.rig, board.camera).unwrap());
     #[cfg(feature = "hil")]
-    above.spawn(tasks::simulated::answer(board.simulator, controller, board.rig).unwrap());
+    above.spawn(tasks::simulated::answer(board.service, controller, board.rig).unwrap());
     let below = BELOW.init(Executor::new());
     below.run(|spawner| {
         spawner.spawn(tasks::log::write(board.card, header, ready.start, ready.log_number).unwrap());

@@ -18,6 +18,7 @@ mod tasks;
 
 use adit_firmware::controller::Controller;
 use adit_firmware::drivers::fram::Fram;
+use adit_firmware::link::Link;
 use adit_protocol::record::StartCause;
 use defmt_rtt as _;
 use static_cell::StaticCell;
@@ -29,6 +30,7 @@ use pins::Board;
 const PROGRAM: &str = concat!("rotator ", env!("CARGO_PKG_VERSION"));
 
 static CONTROLLER: StaticCell<Controller> = StaticCell::new();
+static LINK: StaticCell<Link> = StaticCell::new();
 
 /// What the log's first records say about this start.
 pub(crate) struct Start {
@@ -50,8 +52,14 @@ fn main() -> ! {
     let controller = Controller::new(parameters.clone()).continuing_after(flight.last_capture);
     let controller = CONTROLLER.init(controller);
     actuators::boot(controller, &mut watchdog);
-    let ready = executors::Ready { watchdog, store, start, log_number: flight.log_number };
+    let link = LINK.init_with(|| Link::new(&parameters, store.load_link(), uid()));
+    let ready = executors::Ready { watchdog, store, link, start, log_number: flight.log_number };
     executors::run(board, ready, controller, &parameters)
+}
+
+/// The chip's number, shortened: lot, wafer and place on it stay apart.
+fn uid() -> u64 {
+    embassy_stm32::uid::uid().iter().fold(0, |number: u64, byte| number.rotate_left(8) ^ u64::from(*byte))
 }
 
 /// Tells the pilot why the board started, where that is no news he expects.

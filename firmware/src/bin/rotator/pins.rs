@@ -11,7 +11,7 @@
 //! | `HERO_READY`, `HERO_INT`, `HERO_POWER` | PE13, PE1, PE0 | GPIO, open drain | PWM 2; `FrSky` | out: a HERO4's bus instead of I2C sensors |
 //! | `HUB_TX`, `HUB_RX` | PA0, PA1 | UART4, DMA1 streams 4 and 2 | GPS | `TeraRanger` Hub instead of I2C sensors |
 //! | `TELEM1_TX`, `TELEM1_RX` | PD5, PD6 | USART2, DMA1 streams 6 and 5 | TELEM1 | MAVLink to the autopilot |
-//! | `TELEM2_TX`, `TELEM2_RX` | PD8, PD9 | USART3, DMA1 streams 3 and 1 | TELEM2 | a simulator (`hil` build only) |
+//! | `TELEM2_TX`, `TELEM2_RX` | PD8, PD9 | USART3, DMA1 streams 3 and 1 | TELEM2 | MAVLink by cable, for service; in the `hil` build a simulator |
 //! | `IMU_SCK`, `IMU_MISO`, `IMU_MOSI`, `IMU_CS` | PA5, PA6, PA7, PC15 | SPI1, DMA2 streams 5 and 0 | on board | ICM-20608 |
 //! | `FRAM_SCK`, `FRAM_MISO`, `FRAM_MOSI`, `FRAM_CS` | PB10, PB14, PB15, PD10 | SPI2 | on board | FM25V02 |
 //! | `SD_D0` to `SD_D3`, `SD_CK`, `SD_CMD` | PC8 to PC11, PC12, PD2 | SDIO, DMA2 stream 6 | slot | microSD |
@@ -26,11 +26,9 @@
 use embassy_stm32::gpio::{AnyPin, Input, Level, Output, OutputOpenDrain, OutputType, Pull, Speed};
 use embassy_stm32::i2c;
 use embassy_stm32::peripherals::{
-    DMA1_CH0, DMA1_CH2, DMA1_CH4, DMA1_CH5, DMA1_CH6, DMA1_CH7, DMA2_CH0, DMA2_CH5, DMA2_CH6, I2C1, PA0, PA1, PB8, PB9,
-    PC8, PC9, PC10, PC11, PC12, PD2, PD5, PD6, SDIO, TIM1, TIM4, UART4, USART2,
+    DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH3, DMA1_CH4, DMA1_CH5, DMA1_CH6, DMA1_CH7, DMA2_CH0, DMA2_CH5, DMA2_CH6, I2C1,
+    PA0, PA1, PB8, PB9, PC8, PC9, PC10, PC11, PC12, PD2, PD5, PD6, PD8, PD9, SDIO, TIM1, TIM4, UART4, USART2, USART3,
 };
-#[cfg(feature = "hil")]
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH3, PD8, PD9, USART3};
 use embassy_stm32::time::{Hertz, hz, khz, mhz};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
@@ -121,9 +119,8 @@ pub(crate) struct LinkParts {
     pub(crate) rx_dma: Peri<'static, DMA1_CH5>,
 }
 
-/// The parts of the simulator's line.
-#[cfg(feature = "hil")]
-pub(crate) struct SimulatorParts {
+/// The parts of the service line, or the simulator's.
+pub(crate) struct ServiceParts {
     pub(crate) uart: Peri<'static, USART3>,
     pub(crate) tx: Peri<'static, PD8>,
     pub(crate) rx: Peri<'static, PD9>,
@@ -159,8 +156,7 @@ pub(crate) struct Board {
     pub(crate) hub: HubParts,
     pub(crate) hero_bus: HeroBusPins,
     pub(crate) link: LinkParts,
-    #[cfg(feature = "hil")]
-    pub(crate) simulator: SimulatorParts,
+    pub(crate) service: ServiceParts,
     pub(crate) card: CardParts,
     pub(crate) imu: ImuSpi,
     pub(crate) leds: Leds,
@@ -215,8 +211,7 @@ impl Board {
                 power_button: open_drain(p.PE0.into()),
             },
             link: LinkParts { uart: p.USART2, tx: p.PD5, rx: p.PD6, tx_dma: p.DMA1_CH6, rx_dma: p.DMA1_CH5 },
-            #[cfg(feature = "hil")]
-            simulator: SimulatorParts { uart: p.USART3, tx: p.PD8, rx: p.PD9, tx_dma: p.DMA1_CH3, rx_dma: p.DMA1_CH1 },
+            service: ServiceParts { uart: p.USART3, tx: p.PD8, rx: p.PD9, tx_dma: p.DMA1_CH3, rx_dma: p.DMA1_CH1 },
             card: CardParts {
                 sdio: p.SDIO,
                 dma: p.DMA2_CH6,

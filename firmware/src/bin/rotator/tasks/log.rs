@@ -1,15 +1,16 @@
 //! The log on the card.
 
 use adit_firmware::health::Task;
-use adit_firmware::recorder::{Doing, Offer, Recorder, RecorderError, offered_parameters};
+use adit_firmware::link::{LogAnswer, LogBytes, LogWish, READ_BYTES};
+use adit_firmware::recorder::{Doing, Offer, Recorder, RecorderError, logs, offered_parameters, read_log};
 use adit_protocol::log::{self, Frame, PARAMETERS_FILE};
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::{Entry, Event, EventKind, Header, Message, Mode, Record};
 use embassy_stm32::sdmmc::sd::{CmdBlock, DataBlock, StorageDevice};
-use embassy_time::{Duration, Timer};
+use embassy_time::{Duration, Timer, with_timeout};
 use embedded_sdmmc::{TimeSource, Timestamp};
 
-use crate::blackboard::{self, CHECK_INS, KEEP, Keep, newest, notify, now_us};
+use crate::blackboard::{self, CHECK_INS, KEEP, Keep, LOG_ANSWERS, LOG_WISHES, newest, notify, now_us};
 use crate::card::{self, CardDevice, CardError};
 use crate::pins::CardParts;
 use crate::{PROGRAM, Start};
@@ -74,11 +75,12 @@ async fn session(
             Some(start) => write_start(&mut recorder, &start),
             None => write_queue(&mut recorder),
         };
-        if let Err(error) = step {
+        if let Err(error) = step.and_then(|()| lend(&device)) {
             return error;
         }
         CHECK_INS.report(Task::Log, now_us());
-        Timer::after(PAUSE).await;
+        // Whoever fetches a log wants thousands of stretches; the pause is for when nobody does.
+        let _ = with_timeout(PAUSE, LOG_WISHES.ready_to_receive()).await;
     }
 }
 
@@ -120,6 +122,24 @@ fn write_start(recorder: &mut Log<'_, '_, '_>, start: &Start) -> Result<(), Reco
         recorder.append(&log::encode(&message).unwrap_or_default())?;
     }
     recorder.commit()
+}
+
+/// Reads from the card's logs what the link wants.
+fn lend(device: &CardDevice<'_, '_>) -> Result<(), RecorderError<CardError>> {
+    let Ok(wish) = LOG_WISHES.try_receive() else { return Ok(()) };
+    let answer = match wish {
+        LogWish::List => LogAnswer::List(logs(device, NoClock)?),
+        LogWish::Read { number, offset } => {
+            let mut bytes = LogBytes::new();
+            // There is room for just that many.
+            let _ = bytes.resize_default(READ_BYTES);
+            let count = read_log(device, NoClock, number, offset, &mut bytes)?;
+            bytes.truncate(count);
+            LogAnswer::Read(bytes)
+        }
+    };
+    let _ = LOG_ANSWERS.try_send((wish, answer));
+    Ok(())
 }
 
 /// Everything that waits; when nothing does, the file is made longer ahead of need.

@@ -10,7 +10,7 @@ use static_cell::ConstStaticCell;
 
 use crate::actuators::{apply, publish};
 use crate::blackboard::{CHECK_INS, now_us};
-use crate::pins::{Irqs, Rig, SimulatorParts};
+use crate::pins::{Irqs, Rig, ServiceParts};
 use crate::statistics::STEP;
 
 /// It reports at least this often.
@@ -20,7 +20,7 @@ static RING: ConstStaticCell<[u8; 4096]> = ConstStaticCell::new([0; 4096]);
 
 /// Answers for ever.
 #[embassy_executor::task]
-pub(crate) async fn answer(parts: SimulatorParts, controller: &'static mut Controller, mut rig: Rig) -> ! {
+pub(crate) async fn answer(parts: ServiceParts, controller: &'static mut Controller, mut rig: Rig) -> ! {
     let mut config = usart::Config::default();
     config.baudrate = hil::BAUD;
     let uart = Uart::new(parts.uart, parts.rx, parts.tx, parts.tx_dma, parts.rx_dma, Irqs, config);

@@ -2,11 +2,12 @@
 
 use adit_firmware::drivers::fram::Fram;
 use adit_firmware::health::Task;
-use adit_firmware::store::{FlightState, FlightStore, ParameterStore, Stored};
+use adit_firmware::link;
+use adit_firmware::store::{FlightState, FlightStore, LinkStore, ParameterStore, Stored};
 use adit_protocol::parameters::Parameters;
 use embassy_time::{Duration, with_timeout};
 
-use crate::blackboard::{CHECK_INS, KEEP, Keep, notify, now_us};
+use crate::blackboard::{CHECK_INS, KEEP, KEPT, Keep, notify, now_us};
 use crate::crash;
 use crate::pins::FramSpi;
 
@@ -35,6 +36,12 @@ impl Store {
         };
         notify(format_args!("default parameters: {trouble}"));
         (Parameters::default(), self.load_flight())
+    }
+
+    /// What the link must know from before the start.
+    pub(crate) fn load_link(&mut self) -> link::Memory {
+        // A FRAM that is silent has been told of already.
+        LinkStore::load(&mut self.fram).unwrap_or_default()
     }
 
     fn load_flight(&mut self) -> FlightState {
@@ -74,6 +81,11 @@ pub(crate) async fn keep(mut store: Store) -> ! {
             Keep::LogFile(number) => store.flight.log_number = number,
             Keep::Parameters(parameters) => {
                 store.adopt(&parameters);
+                continue;
+            }
+            Keep::Link(keep) => {
+                // The link waits for this one.
+                let _ = KEPT.try_send(LinkStore::save(&mut store.fram, &keep).is_ok());
                 continue;
             }
         }
