@@ -5,9 +5,10 @@
 //! is searched, a piece in each step without samples, so that no step takes long; the position is then some 30 steps old.
 
 use adit_geometry::SectionVector;
-use adit_geometry::centring::general::{Beam as SolverBeam, Centring, Fix, Search, expected_range_m, locate_near};
+use adit_geometry::centring::general::{Beam as SolverBeam, Centring, Fix, Search};
 use adit_geometry::profile::Profile;
 use adit_geometry::rig::attitude;
+use adit_geometry::single::{advance, expected_range_m, locate_near};
 use adit_protocol::beams::{Beam, Beams};
 use adit_protocol::parameters::RangeParameters;
 use adit_protocol::tag::Ranges;
@@ -134,7 +135,7 @@ impl Position {
         match &mut self.search {
             Some((search, measured_us)) if !seeks_near => {
                 let measured_us = *measured_us;
-                if let Some(outcome) = search.advance(profile) {
+                if let Some(outcome) = advance(search, profile) {
                     self.search = None;
                     self.note(&outcome, measured_us);
                 }

@@ -15,6 +15,7 @@ pub mod coverage;
 pub mod profile;
 pub mod rig;
 mod scalar;
+pub mod single;
 pub mod speed;
 
 pub use scalar::Real;

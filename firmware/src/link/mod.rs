@@ -56,7 +56,7 @@ use guard::{Guard, Refused};
 use hold::HoldAsk;
 use lines::Line;
 use params::{Change, ParameterServer};
-use report::Report;
+use report::{Report, Speed};
 use vehicle::Vehicle;
 
 /// Rate of the service port.
@@ -524,23 +524,19 @@ impl Link {
             return;
         }
         self.said = Some((news, now_us));
-        let limit_mps = outputs.speed_limit_mps.unwrap_or_default();
-        let speed_mps = vehicle.speed_mps.map_or(0.0, ComplexField::abs);
+        let limit = Speed(outputs.speed_limit_mps.unwrap_or_default());
+        let speed = Speed(vehicle.speed_mps.map_or(0.0, ComplexField::abs));
         let report = &mut self.report;
         match cause {
-            None => report.say_words(Severity::Info, format_args!("limit {limit_mps:.2} m/s in force in {mode}")),
+            None => report.say_words(Severity::Info, format_args!("limit {limit} m/s in force in {mode}")),
             Some(Cause::NoAutopilot) => {
-                report.say_words(Severity::Warning, format_args!("limit {limit_mps:.2} m/s: no autopilot heard"));
+                report.say_words(Severity::Warning, format_args!("limit {limit} m/s: no autopilot heard"));
             }
             Some(Cause::Mode) => {
-                report
-                    .say_words(Severity::Warning, format_args!("{mode} takes no limit: keep below {limit_mps:.2} m/s"));
+                report.say_words(Severity::Warning, format_args!("{mode} takes no limit: keep below {limit} m/s"));
             }
             Some(Cause::Floor) => {
-                report.say_words(
-                    Severity::Warning,
-                    format_args!("{mode}: cannot go below {limit_mps:.2} m/s, slow down"),
-                );
+                report.say_words(Severity::Warning, format_args!("{mode}: cannot go below {limit} m/s, slow down"));
             }
             Some(Cause::Refused(refusal)) => {
                 let why = match refusal {
@@ -549,16 +545,13 @@ impl Link {
                     hold::Refusal::Implausible => "speed parameter odd",
                     hold::Refusal::NotKept => "FRAM keeps no value",
                 };
-                report.say_words(Severity::Warning, format_args!("{mode}: {why}, keep below {limit_mps:.2} m/s"));
+                report.say_words(Severity::Warning, format_args!("{mode}: {why}, keep below {limit} m/s"));
             }
             Some(Cause::Denied) => {
-                report.say_words(Severity::Error, format_args!("autopilot refuses {limit_mps:.2} m/s in {mode}"));
+                report.say_words(Severity::Error, format_args!("autopilot refuses {limit} m/s in {mode}"));
             }
             Some(Cause::TooFast) => {
-                report.say_words(
-                    Severity::Error,
-                    format_args!("TOO FAST: {speed_mps:.2} m/s, limit {limit_mps:.2} ignored"),
-                );
+                report.say_words(Severity::Error, format_args!("TOO FAST: {speed} m/s, limit {limit} ignored"));
             }
         }
     }

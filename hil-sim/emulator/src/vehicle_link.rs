@@ -51,6 +51,7 @@ pub(crate) struct VehicleLink {
     axis_yaw_rad: f32,
     state_due_us: u64,
     heartbeat_due_us: u64,
+    owes_answer: bool,
     codec: Codec,
     pub(crate) heard: Heard,
 }
@@ -59,7 +60,7 @@ impl VehicleLink {
     /// The link of a vehicle in a tunnel whose axis the autopilot sees at this yaw.
     pub(crate) fn new(axis_yaw_rad: f32) -> Self {
         let codec = Codec::default();
-        Self { axis_yaw_rad, state_due_us: 0, heartbeat_due_us: 0, codec, heard: Heard::default() }
+        Self { axis_yaw_rad, state_due_us: 0, heartbeat_due_us: 0, owes_answer: false, codec, heard: Heard::default() }
     }
 
     /// What the vehicle says now.
@@ -67,12 +68,16 @@ impl VehicleLink {
         let mut bytes = Vec::new();
         if inputs.autopilot_alive && now_us >= self.heartbeat_due_us {
             self.heartbeat_due_us = now_us + HEARTBEAT_PERIOD_US;
-            // A quadrotor under ArduPilot, armed, active, MAVLink version 3.
-            bytes.extend(self.codec.frame(Message::HEARTBEAT, &[0, 0, 0, 0, 2, 3, 0x81, 4, 3]));
+            // A quadrotor under ArduPilot, in Auto, armed, active, MAVLink version 3.
+            bytes.extend(self.codec.frame(Message::HEARTBEAT, &[3, 0, 0, 0, 2, 3, 0x81, 4, 3]));
         }
         if now_us >= self.state_due_us {
             self.state_due_us = now_us + STATE_PERIOD_US;
             bytes.extend(self.state(now_us, inputs));
+        }
+        if std::mem::take(&mut self.owes_answer) {
+            let [low, high] = CHANGE_SPEED.to_le_bytes();
+            bytes.extend(self.codec.frame(Message::COMMAND_ACK, &[low, high, 0, 0, 0, 0, 0, 0, BOARD.0, BOARD.1]));
         }
         if let Some(command) = inputs.command {
             let (id, first) = match command {
@@ -119,6 +124,7 @@ impl VehicleLink {
                 }
                 Message::COMMAND_LONG if payload[28..30] == CHANGE_SPEED.to_le_bytes() => {
                     self.heard.speed_limit_mps = Some(f32::from_bits(word(&payload, 4)));
+                    self.owes_answer = true;
                 }
                 Message::NAMED_VALUE_FLOAT => {
                     let value = f32::from_bits(word(&payload, 4));
@@ -161,9 +167,16 @@ impl Message {
     const ATTITUDE: Self = Self { id: 30, seed: 39, length: 28 };
     const LOCAL_POSITION_NED: Self = Self { id: 32, seed: 185, length: 28 };
     const COMMAND_LONG: Self = Self { id: 76, seed: 152, length: 33 };
+    const COMMAND_ACK: Self = Self { id: 77, seed: 143, length: 10 };
     const NAMED_VALUE_FLOAT: Self = Self { id: 251, seed: 170, length: 18 };
-    const ALL: [Self; 5] =
-        [Self::HEARTBEAT, Self::ATTITUDE, Self::LOCAL_POSITION_NED, Self::COMMAND_LONG, Self::NAMED_VALUE_FLOAT];
+    const ALL: [Self; 6] = [
+        Self::HEARTBEAT,
+        Self::ATTITUDE,
+        Self::LOCAL_POSITION_NED,
+        Self::COMMAND_LONG,
+        Self::COMMAND_ACK,
+        Self::NAMED_VALUE_FLOAT,
+    ];
 }
 
 const START_OF_FRAME: u8 = 0xFD;

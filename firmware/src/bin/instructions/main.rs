@@ -12,8 +12,9 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use adit_firmware::controller::Controller;
 use adit_firmware::io::{CameraStatus, Command, Inputs, Outputs, RangeReading, RangeSample};
-use adit_geometry::centring::general::{Beam as SolverBeam, Search, locate_near};
+use adit_geometry::centring::general::{Beam as SolverBeam, Search};
 use adit_geometry::profile::ProfileSpec;
+use adit_geometry::single::{advance, locate_near};
 use adit_protocol::beams::Beams;
 use adit_protocol::parameters::{CaptureWiring, Parameters};
 use adit_protocol::record::Mode;
@@ -118,7 +119,7 @@ fn solve(spec: &ProfileSpec<f32>, hint_m: Option<Vector2<f32>>, row: usize) {
             continue;
         }
         let mut search = Search::new(&profile, &beams, &level, None);
-        while cost.measure(|| search.advance(&profile)).is_none() {}
+        while cost.measure(|| advance(&mut search, &profile)).is_none() {}
     }
     cost.file(row);
 }
