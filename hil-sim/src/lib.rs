@@ -9,6 +9,7 @@ pub mod command;
 pub mod config;
 pub mod faults;
 pub mod flight;
+pub mod peer;
 pub mod plant;
 pub mod render;
 pub mod scene;

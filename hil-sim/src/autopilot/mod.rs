@@ -13,6 +13,7 @@
 pub mod ardupilot;
 mod hearing;
 pub mod px4;
+pub mod routing;
 mod setpoint;
 mod streams;
 mod table;
@@ -223,13 +224,14 @@ impl NamedAutopilot {
         self.ways.aim_mps(now_s, self.mode, &self.table, wish_mps)
     }
 
-    /// What it says now.
-    pub fn say(&mut self, now_s: f64, seen: &Seen) -> Vec<u8> {
+    /// What it says now. An autopilot that sees nothing of the vehicle still lives and answers.
+    pub fn say<'s>(&mut self, now_s: f64, seen: impl Into<Option<&'s Seen>>) -> Vec<u8> {
+        let seen = seen.into();
         if std::mem::take(&mut self.wants_reboot) {
             self.reboot(now_s);
         }
         self.table.save_due(now_s);
-        self.axis_yaw_rad = seen.axis_yaw_rad;
+        self.axis_yaw_rad = seen.map_or(self.axis_yaw_rad, |seen| seen.axis_yaw_rad);
         if !self.is_up(now_s) {
             return Vec::new();
         }
@@ -237,18 +239,20 @@ impl NamedAutopilot {
         if let Some(index) = self.listed.next() {
             said.extend(self.table.tell(&mut self.sender, index, self.kind.encoding()));
         }
-        self.say_state(now_s, seen, &mut said);
+        if self.streams.heartbeat.is_due(now_s) {
+            let autopilot = if self.kind.is_ardupilot() { ARDUPILOT } else { PX4 };
+            let base_mode = CUSTOM | if self.armed { ARMED } else { 0 };
+            said.extend(self.sender.vehicle_heartbeat(VehicleBeat { autopilot, base_mode, custom_mode: self.mode }));
+        }
+        if let Some(seen) = seen {
+            self.say_state(now_s, seen, &mut said);
+        }
         said
     }
 
     fn say_state(&mut self, now_s: f64, seen: &Seen, said: &mut Vec<u8>) {
         let boot_ms = ((now_s - self.started_s) * 1000.0) as u32;
         let sender = &mut self.sender;
-        if self.streams.heartbeat.is_due(now_s) {
-            let autopilot = if self.kind.is_ardupilot() { ARDUPILOT } else { PX4 };
-            let base_mode = CUSTOM | if self.armed { ARMED } else { 0 };
-            said.extend(sender.vehicle_heartbeat(VehicleBeat { autopilot, base_mode, custom_mode: self.mode }));
-        }
         let (sin, cos) = seen.axis_yaw_rad.sin_cos();
         if self.streams.attitude.is_due(now_s) {
             let [roll, pitch, yaw] = seen.attitude_rad;
