@@ -75,15 +75,13 @@ impl TryFrom<String> for ModeName {
 
     fn try_from(found: String) -> Result<Self, ModeError> {
         let all = || Kind::ALL.into_iter().flat_map(|kind| kind.modes().iter().map(|(_, name)| *name));
-        match all().find(|name| written(name) == found) {
-            Some(name) => Ok(Self(name)),
-            None => {
-                let mut known: Vec<String> = all().map(written).collect();
-                known.sort();
-                known.dedup();
-                Err(ModeError { found, known: known.join(", ") })
-            }
+        if let Some(name) = all().find(|name| written(name) == found) {
+            return Ok(Self(name));
         }
+        let mut known: Vec<String> = all().map(written).collect();
+        known.sort();
+        known.dedup();
+        Err(ModeError { found, known: known.join(", ") })
     }
 }
 
