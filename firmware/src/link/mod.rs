@@ -32,7 +32,8 @@ mod vehicle;
 
 use adit_protocol::mavlink::{
     AUTOPILOT_COMPONENT, BOARD_COMPONENT, CAMERA_COMPONENT, CameraReport, Counters, Encoding, FrameDecoder, Incoming,
-    Key, OutFrame, RawFrame, Sender, Severity, Signer, Streams, TEXT_BYTES, Target, Value, VersionReport, message,
+    Key, OutFrame, RawFrame, Sender, Severity, Signer, Streams, TEXT_BYTES, Target, Value, VersionReport, command,
+    message,
 };
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::{Entry, Mode};
@@ -74,9 +75,14 @@ const SAY_AGAIN_S: f32 = 5.0;
 const SAY_REFUSED_S: f32 = 10.0;
 /// The autopilot is asked for what it does not send this often.
 const WISH_S: f32 = 5.0;
-/// What is wished for: message and interval in microseconds. The mode comes with the heartbeat.
-const WISHES: [(u32, f32); 4] =
-    [(0, 500_000.0), (message::ATTITUDE, 50_000.0), (message::LOCAL_POSITION, 50_000.0), (message::HEAD_UP, 200_000.0)];
+/// What is wished for: the version once, then messages with their intervals in microseconds. The mode comes with the heartbeat.
+const WISHES: [(u32, f32); 5] = [
+    (message::VERSION, 0.0),
+    (0, 500_000.0),
+    (message::ATTITUDE, 50_000.0),
+    (message::LOCAL_POSITION, 50_000.0),
+    (message::HEAD_UP, 200_000.0),
+];
 /// How the board leads the vehicle back to the axis: speed per metre of offset, and at most.
 const CENTRE_PER_S: f32 = 0.4;
 const CENTRE_MPS: f32 = 0.15;
@@ -304,9 +310,9 @@ impl Link {
     /// Takes what the autopilot tells.
     fn follow(&mut self, now_us: u64, frame: &RawFrame, incoming: &Incoming) {
         match incoming {
-            Incoming::CommandAck { command, result, target } => {
+            Incoming::CommandAck { command: number, result, target } => {
                 let for_us = *target == [0, 0] || *target == [self.board.system, BOARD_COMPONENT];
-                if *command == adit_protocol::mavlink::command::CHANGE_SPEED && for_us {
+                if *number == command::CHANGE_SPEED && for_us {
                     self.enforcer.hear_answer(*result);
                 }
             }
@@ -374,10 +380,12 @@ impl Link {
             Incoming::SetupSigning { target, key, time } if self.is_for_us(target) => {
                 self.change_key(now_us, port, key, time);
             }
-            Incoming::Command { target, command, confirmation, parameters } if self.is_for_us(target) => {
-                let is_question = commands::is_question(command);
+            Incoming::Command { target: target @ [_, component], command: number, confirmation, parameters }
+                if self.is_for_us(target) =>
+            {
+                let is_question = commands::is_question(number);
                 if is_question && self.guard.has_room(now_us) || !is_question && self.admits(now_us, port, frame) {
-                    let order = commands::Order { port, from, component: target[1], command, confirmation, parameters };
+                    let order = commands::Order { port, from, component, command: number, confirmation, parameters };
                     if self.commands.obey(now_us, self.mode, order, &mut self.captures) == Some(Command::Arm) {
                         self.vehicle.latch_axis(now_us);
                     }
@@ -482,7 +490,9 @@ impl Link {
         self.offset_m = outputs.centring.map(|centring| centring.offset_m).unwrap_or_default();
         self.captures.note_commanded(outputs.display.captures);
         let vehicle = self.vehicle.view(now_us);
-        let row = self.vehicle.mode.filter(|_| vehicle.alive).map(|(autopilot, mode)| modes::row(autopilot, mode));
+        let version = self.vehicle.version;
+        let mode = self.vehicle.mode.filter(|_| vehicle.alive);
+        let row = mode.map(|(autopilot, mode)| modes::row(autopilot, version, mode));
         self.enforcer.look(
             now_us,
             Situation {
@@ -677,20 +687,21 @@ impl Link {
         }
     }
 
-    /// Asks the autopilot for what it does not send.
+    /// Asks the autopilot for what it does not send, one after the other.
     fn wish(&mut self, now_us: u64) -> Option<OutFrame> {
+        let (version_known, quiet) = (self.vehicle.version.is_some(), self.vehicle.is_quiet(now_us));
         if self.wish == 0 {
-            let wanted = self.vehicle.is_alive(now_us) && (self.wished_us.is_none() || self.vehicle.is_quiet(now_us));
+            let first = self.wished_us.is_none();
+            let wanted = self.vehicle.is_alive(now_us) && (first || quiet || !version_known);
             if !wanted || !is_due(&mut self.wished_us, now_us, WISH_S) {
                 return None;
             }
         }
+        let number = if self.wish == 0 { command::REQUEST_MESSAGE } else { command::SET_MESSAGE_INTERVAL };
         let (message, interval_us) = *WISHES.get(self.wish)?;
         // What comes anyway keeps its rate; only the heartbeat, which tells the mode, is wished for in any case.
-        let more = self.vehicle.is_quiet(now_us);
-        self.wish = if more { (self.wish + 1) % WISHES.len() } else { 0 };
+        self.wish = if self.wish == 0 || quiet { (self.wish + 1) % WISHES.len() } else { 0 };
         let to = [self.board.system, AUTOPILOT_COMPONENT];
-        let number = adit_protocol::mavlink::command::SET_MESSAGE_INTERVAL;
         Some(self.board.command(to, number, 0, &[message as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]))
     }
 }

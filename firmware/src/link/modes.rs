@@ -2,10 +2,10 @@
 //!
 //! | autopilot, mode | way | floor | why |
 //! |---|---|---|---|
-//! | `ArduPilot` Auto, Guided, RTL, Auto RTL | `DO_CHANGE_SPEED` | 0.1 m/s | lower values are accepted and ignored (4.6); lost on change of mode |
+//! | `ArduPilot` Auto, Guided, RTL, Auto RTL | `DO_CHANGE_SPEED` | 0.1 m/s, from 4.7 on 0.01 m/s | lower values are accepted and ignored; lost on change of mode |
 //! | `ArduPilot` Loiter | parameter `LOIT_SPEED` or `LOIT_SPEED_MS` | 0.2 m/s | the command fails there; the stick's full speed follows the parameter, with overshoot |
-//! | PX4 Mission, Hold | `DO_CHANGE_SPEED` | 0.1 m/s | always accepted, so only the measured speed tells |
-//! | PX4 Position | parameter `MPC_VEL_MANUAL` | 0.1 m/s | its declared minimum of 3 m/s is not enforced |
+//! | PX4 Mission, Hold | `DO_CHANGE_SPEED` | 0.01 m/s | always accepted, so only the measured speed tells |
+//! | PX4 Position | parameter `MPC_VEL_MANUAL` | 0.05 m/s | its declared minimum of 3 m/s is not enforced |
 //! | PX4 Position Slow | that, and `SET_VELOCITY_LIMITS` | 0.3 m/s | the message acts in builds of the development dialect only |
 //! | any other | none | - | the pilot flies by the display |
 //!
@@ -42,14 +42,20 @@ pub(super) struct Row {
     pub(super) follows: bool,
 }
 
-const COMMAND: Row = Row { name: "", way: Way::Command, floor_mps: 0.1, velocity_limits: false, follows: false };
-const PARAMETER: Row = Row { name: "", way: Way::ManualParameter, floor_mps: 0.1, ..COMMAND };
+/// `ArduPilot` 4.7, from which on speeds down to 0.01 m/s are taken.
+const FINE_VERSION: [u8; 2] = [4, 7];
+const COMMAND: Row = Row { name: "", way: Way::Command, floor_mps: 0.01, velocity_limits: false, follows: false };
+const PARAMETER: Row = Row { name: "", way: Way::ManualParameter, floor_mps: 0.05, ..COMMAND };
 const NONE: Row = Row { name: "", way: Way::None, floor_mps: 0.0, ..COMMAND };
 
-/// The row of an autopilot's mode.
-pub(super) fn row(autopilot: Autopilot, custom_mode: u32) -> Row {
+/// The row of an autopilot's mode. An autopilot that does not tell its version (major, minor) counts as an old one.
+pub(super) fn row(autopilot: Autopilot, version: Option<[u8; 2]>, custom_mode: u32) -> Row {
     match autopilot {
-        Autopilot::ArduPilot => ardupilot(custom_mode),
+        Autopilot::ArduPilot => {
+            let row = ardupilot(custom_mode);
+            let coarse = row.way == Way::Command && version.is_none_or(|version| version < FINE_VERSION);
+            Row { floor_mps: if coarse { 0.1 } else { row.floor_mps }, ..row }
+        }
         // main << 16 | sub << 24.
         Autopilot::Px4 => px4(custom_mode >> 16 & 0xFF, custom_mode >> 24),
         Autopilot::Other(_) => Row { name: "unknown autopilot", ..NONE },
@@ -146,18 +152,19 @@ mod tests {
     #[test]
     fn the_table_says_what_the_facts_say() {
         let rows = [
-            (Autopilot::ArduPilot, 3, "AUTO", Way::Command, 0.1),
-            (Autopilot::ArduPilot, 4, "GUIDED", Way::Command, 0.1),
-            (Autopilot::ArduPilot, 5, "LOITER", Way::LoiterParameter, 0.2),
-            (Autopilot::ArduPilot, 16, "POSHOLD", Way::None, 0.0),
-            (Autopilot::Px4, 4 << 16 | 4 << 24, "MISSION", Way::Command, 0.1),
-            (Autopilot::Px4, 3 << 16, "POSITION", Way::ManualParameter, 0.1),
-            (Autopilot::Px4, 3 << 16 | 2 << 24, "POSITION SLOW", Way::ManualParameter, 0.3),
-            (Autopilot::Px4, 6 << 16, "OFFBOARD", Way::None, 0.0),
-            (Autopilot::Other(4), 3, "unknown autopilot", Way::None, 0.0),
+            (Autopilot::ArduPilot, None, 3, "AUTO", Way::Command, 0.1),
+            (Autopilot::ArduPilot, Some([4, 6]), 3, "AUTO", Way::Command, 0.1),
+            (Autopilot::ArduPilot, Some([4, 7]), 4, "GUIDED", Way::Command, 0.01),
+            (Autopilot::ArduPilot, Some([4, 7]), 5, "LOITER", Way::LoiterParameter, 0.2),
+            (Autopilot::ArduPilot, None, 16, "POSHOLD", Way::None, 0.0),
+            (Autopilot::Px4, None, 4 << 16 | 4 << 24, "MISSION", Way::Command, 0.01),
+            (Autopilot::Px4, None, 3 << 16, "POSITION", Way::ManualParameter, 0.05),
+            (Autopilot::Px4, None, 3 << 16 | 2 << 24, "POSITION SLOW", Way::ManualParameter, 0.3),
+            (Autopilot::Px4, None, 6 << 16, "OFFBOARD", Way::None, 0.0),
+            (Autopilot::Other(4), None, 3, "unknown autopilot", Way::None, 0.0),
         ];
-        for (autopilot, mode, name, way, floor_mps) in rows {
-            let row = row(autopilot, mode);
+        for (autopilot, version, mode, name, way, floor_mps) in rows {
+            let row = row(autopilot, version, mode);
             assert_eq!((row.name, row.way, row.floor_mps), (name, way, floor_mps));
         }
     }

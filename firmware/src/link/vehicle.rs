@@ -56,6 +56,8 @@ pub(super) struct Vehicle {
     pub(super) system: Option<u8>,
     /// What its autopilot is, and the mode it is in.
     pub(super) mode: Option<(Autopilot, u32)>,
+    /// Major and minor, once it has told.
+    pub(super) version: Option<[u8; 2]>,
     heartbeat_us: Option<u64>,
     attitude: Timed<[f32; 3]>,
     /// North and east.
@@ -78,6 +80,7 @@ impl Vehicle {
         Self {
             system: None,
             mode: None,
+            version: None,
             heartbeat_us: None,
             attitude: None,
             place: None,
@@ -116,7 +119,10 @@ impl Vehicle {
     pub(super) fn hear(&mut self, now_us: u64, frame: &RawFrame, incoming: &Incoming) {
         match *incoming {
             Incoming::Heartbeat { autopilot, custom_mode, .. } if autopilot != NO_AUTOPILOT => {
-                self.began_anew |= !self.is_alive(now_us);
+                if !self.is_alive(now_us) {
+                    // It may be another one.
+                    (self.began_anew, self.version) = (true, None);
+                }
                 self.system = Some(frame.system);
                 self.mode = Some((Autopilot::from(autopilot), custom_mode));
                 self.heartbeat_us = Some(now_us);
@@ -143,6 +149,7 @@ impl Vehicle {
                     self.move_to(now_us, position_m, velocity_mps);
                 }
             }
+            Incoming::Version { version: [major, minor, ..], .. } => self.version = Some([major, minor]),
             Incoming::HeadUp { ground_speed_mps } => self.speed.hear_head_up(now_us, ground_speed_mps),
             _ => {}
         }

@@ -14,6 +14,8 @@ const START_CAPTURE: u16 = 2000;
 const STOP_CAPTURE: u16 = 2001;
 /// `MAV_CMD_DO_CHANGE_SPEED`.
 const CHANGE_SPEED: u16 = 178;
+/// `MAV_CMD_REQUEST_MESSAGE`; the board only asks for the version.
+const REQUEST_MESSAGE: u16 = 512;
 /// The vehicle: system 1, component `MAV_COMP_ID_AUTOPILOT1`.
 const VEHICLE: (u8, u8) = (1, 1);
 /// The board: the same system, `MAV_COMP_ID_ONBOARD_COMPUTER`.
@@ -52,6 +54,7 @@ pub(crate) struct VehicleLink {
     state_due_us: u64,
     heartbeat_due_us: u64,
     owes_answer: bool,
+    owes_version: bool,
     codec: Codec,
     pub(crate) heard: Heard,
 }
@@ -60,7 +63,15 @@ impl VehicleLink {
     /// The link of a vehicle in a tunnel whose axis the autopilot sees at this yaw.
     pub(crate) fn new(axis_yaw_rad: f32) -> Self {
         let codec = Codec::default();
-        Self { axis_yaw_rad, state_due_us: 0, heartbeat_due_us: 0, owes_answer: false, codec, heard: Heard::default() }
+        Self {
+            axis_yaw_rad,
+            state_due_us: 0,
+            heartbeat_due_us: 0,
+            owes_answer: false,
+            owes_version: false,
+            codec,
+            heard: Heard::default(),
+        }
     }
 
     /// What the vehicle says now.
@@ -78,6 +89,12 @@ impl VehicleLink {
         if std::mem::take(&mut self.owes_answer) {
             let [low, high] = CHANGE_SPEED.to_le_bytes();
             bytes.extend(self.codec.frame(Message::COMMAND_ACK, &[low, high, 0, 0, 0, 0, 0, 0, BOARD.0, BOARD.1]));
+        }
+        if std::mem::take(&mut self.owes_version) {
+            // Capabilities and number stay zero; major, minor, patch, kind.
+            let mut payload = vec![0; 60];
+            payload[16..20].copy_from_slice(&[255, 0, 7, 4]);
+            bytes.extend(self.codec.frame(Message::AUTOPILOT_VERSION, &payload));
         }
         if let Some(command) = inputs.command {
             let (id, first) = match command {
@@ -126,6 +143,7 @@ impl VehicleLink {
                     self.heard.speed_limit_mps = Some(f32::from_bits(word(&payload, 4)));
                     self.owes_answer = true;
                 }
+                Message::COMMAND_LONG if payload[28..30] == REQUEST_MESSAGE.to_le_bytes() => self.owes_version = true,
                 Message::NAMED_VALUE_FLOAT => {
                     let value = f32::from_bits(word(&payload, 4));
                     match payload[8..18].split(|letter| *letter == 0).next() {
@@ -168,13 +186,15 @@ impl Message {
     const LOCAL_POSITION_NED: Self = Self { id: 32, seed: 185, length: 28 };
     const COMMAND_LONG: Self = Self { id: 76, seed: 152, length: 33 };
     const COMMAND_ACK: Self = Self { id: 77, seed: 143, length: 10 };
+    const AUTOPILOT_VERSION: Self = Self { id: 148, seed: 178, length: 60 };
     const NAMED_VALUE_FLOAT: Self = Self { id: 251, seed: 170, length: 18 };
-    const ALL: [Self; 6] = [
+    const ALL: [Self; 7] = [
         Self::HEARTBEAT,
         Self::ATTITUDE,
         Self::LOCAL_POSITION_NED,
         Self::COMMAND_LONG,
         Self::COMMAND_ACK,
+        Self::AUTOPILOT_VERSION,
         Self::NAMED_VALUE_FLOAT,
     ];
 }

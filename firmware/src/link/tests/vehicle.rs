@@ -59,19 +59,19 @@ fn what_is_not_sent_is_wished_for_and_what_comes_is_not() {
     let (mut link, mut autopilot) = (link(), autopilot());
     let wishes = |link: &mut Link, now_us| {
         let wished = said(link, now_us).into_iter().filter_map(|said| match said {
-            Incoming::Command { command: 511, parameters: [message, ..], .. } => Some(message as u32),
+            Incoming::Command { command: 511 | 512, parameters: [message, ..], .. } => Some(message as u32),
             _ => None,
         });
         wished.collect::<Vec<_>>()
     };
     step(&mut link, 0, Mode::Idle, None);
-    assert_eq!(wishes(&mut link, 0), [0, 30, 32, 74]);
+    assert_eq!(wishes(&mut link, 0), [148, 0, 30, 32, 74]);
     hear(&mut link, 5_000_000, &autopilot.vehicle_heartbeat(AUTO));
     hear(&mut link, 5_000_000, &autopilot.attitude(0, [0.0; 3]));
     hear(&mut link, 5_000_000, &autopilot.local_position(5_000, [0.0; 3], [0.0; 3]));
     step(&mut link, 5_000_000, Mode::Idle, None);
     // It had been silent for long, so the mode is wished for again, but nothing that comes.
-    assert_eq!(wishes(&mut link, 5_000_000), [0]);
+    assert_eq!(wishes(&mut link, 5_000_000), [148, 0]);
     step(&mut link, 5_400_000, Mode::Idle, None);
     assert_eq!(wishes(&mut link, 5_400_000), []);
 }
