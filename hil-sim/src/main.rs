@@ -46,16 +46,8 @@ struct FlyArguments {
     /// Fly a real board at this serial port instead of the library; it must run the image of `cargo xtask flash --hil`.
     #[arg(long, value_name = "PORT")]
     board: Option<String>,
-    /// Which autopilot flies: simple, or at the other end of a MAVLink line ardupilot, ardupilot-4.7, px4, px4-development;
-    /// default: the mission's, else simple.
-    #[arg(long, value_enum, hide_possible_values = true, conflicts_with = "board")]
-    autopilot: Option<AutopilotKind>,
-    /// Show the vehicle to a ground station there, such as udpout:127.0.0.1:14550; not with the simple autopilot.
-    #[arg(long, value_name = "CONNECTION", conflicts_with = "board")]
-    mavlink: Option<Connection>,
-    /// Let a second last a second; not with the simple autopilot.
-    #[arg(long, conflicts_with = "board")]
-    realtime: bool,
+    #[command(flatten)]
+    vehicle: VehicleArguments,
     /// Leave out photos and the true texture.
     #[arg(long)]
     no_photos: bool,
@@ -68,6 +60,21 @@ struct FlyArguments {
     /// Write into a folder that is not empty: what an earlier flight left there is removed first.
     #[arg(long)]
     force: bool,
+}
+
+/// Who flies the board, and who watches.
+#[derive(Args)]
+struct VehicleArguments {
+    /// Which autopilot flies: simple, or at the other end of a MAVLink line ardupilot, ardupilot-4.7, px4, px4-development;
+    /// default: the mission's, else simple.
+    #[arg(long, value_enum, hide_possible_values = true, conflicts_with = "board")]
+    autopilot: Option<AutopilotKind>,
+    /// Show the vehicle to a ground station there, such as udpout:127.0.0.1:14550; not with the simple autopilot.
+    #[arg(long, value_name = "CONNECTION", conflicts_with = "board")]
+    mavlink: Option<Connection>,
+    /// Let a second last a second; not with the simple autopilot.
+    #[arg(long, conflicts_with = "board")]
+    realtime: bool,
 }
 
 fn main() -> ExitCode {
@@ -84,7 +91,7 @@ fn main() -> ExitCode {
 
 fn run(arguments: &FlyArguments) -> Result<Report> {
     let mut file = MissionFile::read(&arguments.mission, arguments.seed)?;
-    file.simulation.autopilot.kind = arguments.autopilot.unwrap_or(file.simulation.autopilot.kind);
+    file.simulation.autopilot.kind = arguments.vehicle.autopilot.unwrap_or(file.simulation.autopilot.kind);
     eprintln!("seed {}", file.seed);
     prepare(&arguments.out, arguments.force)?;
     if let Some(threads) = arguments.threads {
@@ -110,16 +117,16 @@ fn flown(arguments: &FlyArguments, file: &MissionFile) -> Result<Flight> {
         return Ok(fly_board(&mut board, mission, simulation, *seed)?);
     }
     let Some(kind) = simulation.autopilot.kind.named() else {
-        if arguments.mavlink.is_some() || arguments.realtime {
+        if arguments.vehicle.mavlink.is_some() || arguments.vehicle.realtime {
             bail!("the simple autopilot speaks no MAVLink and knows no clock; choose another with --autopilot");
         }
         return Ok(fly(mission, simulation, *seed)?);
     };
     let mut board = Linked::new(kind, &mission.parameters(), simulation)?;
-    if let Some(connection) = &arguments.mavlink {
+    if let Some(connection) = &arguments.vehicle.mavlink {
         board = board.watched_by(Peer::open(connection).with_context(|| format!("cannot open {connection}"))?);
     }
-    if arguments.realtime {
+    if arguments.vehicle.realtime {
         board = board.in_real_time();
     }
     let flight = fly_board(&mut board, mission, simulation, *seed)?;
