@@ -8,7 +8,7 @@ use adit_protocol::record::Mode;
 use adit_protocol::telemetry::Enforcement;
 
 use crate::board_side::BoardSide;
-use crate::course::{END_S, LIMITS, STEP_S, Trouble, limit_index};
+use crate::course::{END_S, LIMITS, STEP_S, Timed, Trouble, limit_index};
 use crate::facts::{another_mode, is_possible};
 use crate::judge::{Judge, Now};
 use crate::vehicle::{AXIS_YAW_RAD, Vehicle};
@@ -19,7 +19,7 @@ const WISH_MPS: f64 = 1.5;
 const LEAD_MPS: f32 = 0.8;
 /// The average speed at a limit is taken over the last of it.
 const AVERAGED_S: f64 = 5.0;
-/// One way.
+/// One way on a usual line.
 const DELAY_S: f64 = 0.02;
 const SEED: u64 = 7;
 
@@ -30,7 +30,11 @@ pub(crate) struct Cell {
     pub(crate) mode: &'static str,
     /// Does the board lead the vehicle?
     pub(crate) leads: bool,
-    pub(crate) trouble: Trouble,
+    pub(crate) trouble: Timed,
+    /// One way on the line.
+    pub(crate) delay_s: f64,
+    /// Of gusts and noise.
+    pub(crate) seed: u64,
 }
 
 /// What came of one limit.
@@ -93,6 +97,11 @@ impl Listener {
 }
 
 impl Cell {
+    /// A cell of the matrix.
+    pub(crate) fn usual(kind: Kind, mode: &'static str, trouble: Trouble) -> Self {
+        Self { kind, mode, leads: false, trouble: Timed::usual(trouble), delay_s: DELAY_S, seed: SEED }
+    }
+
     /// Flies it.
     pub(crate) fn fly(&self) -> Found {
         self.fly_with(Sabotage::default())
@@ -114,7 +123,7 @@ impl Cell {
         let mut board = BoardSide::new(&parameters, sabotage.forgets);
         let mut autopilot = autopilot(kind);
         let before = autopilot.parameters();
-        let (mut wire, mut vehicle) = (Wire::new(DELAY_S, &faults), Vehicle::new(SEED));
+        let (mut wire, mut vehicle) = (Wire::new(self.delay_s, &faults), Vehicle::new(self.seed));
         let (mut judge, mut listener) = (Judge::default(), Listener::default());
         let mut legs = [Leg::default(); LIMITS.len()];
         for step in 0..(END_S / STEP_S).round() as u32 {
@@ -149,7 +158,7 @@ impl Cell {
                 is_linked,
                 is_known: listener.mode == Some(autopilot.mode()),
                 limit_mps,
-                is_possible: limit_mps.is_some_and(|limit_mps| is_possible(kind, mode, limit_mps)),
+                is_possible: limit_mps.is_some_and(|limit_mps| is_possible(kind, mode, self.leads, limit_mps)),
                 true_speed_mps: vehicle.speed_mps,
                 claim: board.claims(),
             };
@@ -167,8 +176,8 @@ impl Cell {
                 judge.complaints.push(format!("the end: {name} is {value} and was {}", before[name]));
             }
         }
-        let must_hold = LIMITS.iter().all(|(_, limit_mps)| is_possible(kind, self.mode, *limit_mps));
-        if must_hold && trouble == Trouble::Nothing && !judge.was_enforced {
+        let must_hold = LIMITS.iter().all(|(_, limit_mps)| is_possible(kind, self.mode, self.leads, *limit_mps));
+        if must_hold && trouble.trouble == Trouble::Nothing && !judge.was_enforced {
             judge.complaints.push("the end: it was never said that the limit holds".to_owned());
         }
         Found { judge, legs, saves: autopilot.saves() }

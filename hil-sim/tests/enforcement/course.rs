@@ -1,15 +1,19 @@
 //! What happens when: the scan with its limits, and the troubles.
 
 use adit_hil_sim::autopilot::wire::{COMMAND_ACK, PARAM_VALUE, WireFault};
+use adit_hil_sim::seed::Random;
 
 /// Everything goes on by this.
 pub(crate) const STEP_S: f64 = 0.005;
 /// The scan: times from which the limits stand.
-pub(crate) const LIMITS: [(f64, f64); 3] = [(5.0, 0.4), (20.0, 0.25), (35.0, 0.6)];
+pub(crate) const LIMITS: [(f64, f64); 4] = [(5.0, 0.4), (20.0, 0.25), (35.0, 0.09), (50.0, 0.6)];
 /// The scan is over.
-pub(crate) const SCAN_ENDS_S: f64 = 50.0;
+pub(crate) const SCAN_ENDS_S: f64 = 65.0;
 /// By then everything must be as it was.
-pub(crate) const END_S: f64 = 60.0;
+pub(crate) const END_S: f64 = 75.0;
+
+/// So much is left after the last trouble.
+const LEFT_S: f64 = 5.0;
 
 /// Which of the limits stands.
 pub(crate) fn limit_index(now_s: f64) -> Option<usize> {
@@ -67,36 +71,67 @@ impl Trouble {
         }
     }
 
+    /// When it begins, and how long it lasts.
+    fn span_s(self) -> [f64; 2] {
+        match self {
+            Self::Nothing | Self::AnswersLost | Self::IgnoredTwice => [0.0, f64::INFINITY],
+            Self::AutopilotReset | Self::BoardReset => [25.0, 0.0],
+            Self::BoardResetAtEnd => [SCAN_ENDS_S - 0.1, 0.0],
+            Self::ModeAndBack => [24.0, 6.0],
+            Self::LineCut => [14.0, 10.0],
+            Self::LineCutAtEnd => [SCAN_ENDS_S - 6.0, 10.0],
+        }
+    }
+}
+
+/// A trouble at its time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Timed {
+    pub(crate) trouble: Trouble,
+    pub(crate) from_s: f64,
+}
+
+impl Timed {
+    /// At the time at which it matters most.
+    pub(crate) fn usual(trouble: Trouble) -> Self {
+        Self { trouble, from_s: trouble.span_s()[0] }
+    }
+
+    /// At any time that leaves some seconds for putting things in order.
+    pub(crate) fn any(trouble: Trouble, random: &mut Random) -> Self {
+        let latest_s = END_S - LEFT_S - trouble.span_s()[1];
+        let from_s = random.uniform(0.0, latest_s);
+        if latest_s.is_finite() { Self { trouble, from_s } } else { Self::usual(trouble) }
+    }
+
     /// What is wrong with the line.
     pub(crate) fn wire(self) -> Vec<WireFault> {
-        match self {
-            Self::AnswersLost => vec![
+        match self.trouble {
+            Trouble::AnswersLost => vec![
                 WireFault::Lost { message: COMMAND_ACK, count: u32::MAX },
                 WireFault::Lost { message: PARAM_VALUE, count: 2 },
             ],
-            Self::IgnoredTwice => vec![WireFault::Ignored { count: 2 }],
-            Self::LineCut => vec![WireFault::Cut { from_s: 14.0, for_s: 10.0 }],
-            Self::LineCutAtEnd => vec![WireFault::Cut { from_s: 44.0, for_s: 10.0 }],
+            Trouble::IgnoredTwice => vec![WireFault::Ignored { count: 2 }],
+            Trouble::LineCut | Trouble::LineCutAtEnd => {
+                vec![WireFault::Cut { from_s: self.from_s, for_s: self.trouble.span_s()[1] }]
+            }
             _ => Vec::new(),
         }
     }
 
     /// When the autopilot loses its power.
     pub(crate) fn autopilot_reset_s(self) -> Option<f64> {
-        (self == Self::AutopilotReset).then_some(25.0)
+        (self.trouble == Trouble::AutopilotReset).then_some(self.from_s)
     }
 
     /// When the board does.
     pub(crate) fn board_reset_s(self) -> Option<f64> {
-        match self {
-            Self::BoardReset => Some(25.0),
-            Self::BoardResetAtEnd => Some(SCAN_ENDS_S - 0.1),
-            _ => None,
-        }
+        matches!(self.trouble, Trouble::BoardReset | Trouble::BoardResetAtEnd).then_some(self.from_s)
     }
 
     /// Is the mode switch turned away?
     pub(crate) fn is_away(self, now_s: f64) -> bool {
-        self == Self::ModeAndBack && (24.0..30.0).contains(&now_s)
+        let until_s = self.from_s + self.trouble.span_s()[1];
+        self.trouble == Trouble::ModeAndBack && (self.from_s..until_s).contains(&now_s)
     }
 }

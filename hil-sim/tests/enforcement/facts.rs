@@ -2,11 +2,14 @@
 
 use adit_hil_sim::autopilot::Kind;
 
-/// Whether there is any way to hold this autopilot to such a limit in that mode.
-pub(crate) fn is_possible(kind: Kind, mode: &str, limit_mps: f64) -> bool {
+/// Whether there is any way to hold this autopilot to such a limit in that mode; in Guided the board may lead.
+pub(crate) fn is_possible(kind: Kind, mode: &str, leads: bool, limit_mps: f64) -> bool {
     match (kind, mode) {
-        // By command; 4.6 ignores what is below 0.1 m/s.
-        (Kind::ArduPilot46 | Kind::ArduPilot47, "AUTO" | "GUIDED" | "RTL") => limit_mps >= 0.1,
+        // It flies the velocities that it is sent.
+        (Kind::ArduPilot46 | Kind::ArduPilot47, "GUIDED") if leads => true,
+        // By command; less than the least is accepted and ignored.
+        (Kind::ArduPilot46, "AUTO" | "GUIDED" | "RTL") => limit_mps >= 0.1,
+        (Kind::ArduPilot47, "AUTO" | "GUIDED" | "RTL") => limit_mps >= 0.01,
         // By its parameter, whose floor is 0.2 m/s.
         (Kind::ArduPilot46 | Kind::ArduPilot47, "LOITER") => limit_mps >= 0.2,
         // The first two by command, the third by its parameter, whose declared minimum is not enforced.
