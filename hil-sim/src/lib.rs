@@ -2,12 +2,14 @@
 //! virtual time and leaves what a real flight leaves.
 #![forbid(unsafe_code)]
 
+pub mod autopilot;
 pub mod card;
 pub mod check;
 pub mod command;
 pub mod config;
 pub mod faults;
 pub mod flight;
+pub mod peer;
 pub mod plant;
 pub mod render;
 pub mod scene;

@@ -8,9 +8,12 @@ use std::process::ExitCode;
 use adit_hil_sim::card::log_bytes;
 use adit_hil_sim::check::Report;
 use adit_hil_sim::command::{Left, MissionFile, figures_text, prepare};
-use adit_hil_sim::flight::{FlightError, fly, fly_board};
+use adit_hil_sim::config::AutopilotKind;
+use adit_hil_sim::flight::{Flight, FlightError, Linked, fly, fly_board};
+use adit_hil_sim::peer::Peer;
 use adit_hil_sim::serial_board::SerialBoard;
-use anyhow::{Context, Result};
+use adit_protocol::connection::Connection;
+use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 
 /// Name and version of this program, for `flight.json`.
@@ -43,6 +46,8 @@ struct FlyArguments {
     /// Fly a real board at this serial port instead of the library; it must run the image of `cargo xtask flash --hil`.
     #[arg(long, value_name = "PORT")]
     board: Option<String>,
+    #[command(flatten)]
+    vehicle: VehicleArguments,
     /// Leave out photos and the true texture.
     #[arg(long)]
     no_photos: bool,
@@ -55,6 +60,21 @@ struct FlyArguments {
     /// Write into a folder that is not empty: what an earlier flight left there is removed first.
     #[arg(long)]
     force: bool,
+}
+
+/// Who flies the board, and who watches.
+#[derive(Args)]
+struct VehicleArguments {
+    /// Which autopilot flies: simple, or at the other end of a MAVLink line ardupilot, ardupilot-4.7, px4, px4-development;
+    /// default: the mission's, else simple.
+    #[arg(long, value_enum, hide_possible_values = true, conflicts_with = "board")]
+    autopilot: Option<AutopilotKind>,
+    /// Show the vehicle to a ground station there, such as udpout:127.0.0.1:14550; not with the simple autopilot.
+    #[arg(long, value_name = "CONNECTION", conflicts_with = "board")]
+    mavlink: Option<Connection>,
+    /// Let a second last a second; not with the simple autopilot.
+    #[arg(long, conflicts_with = "board")]
+    realtime: bool,
 }
 
 fn main() -> ExitCode {
@@ -70,26 +90,48 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &FlyArguments) -> Result<Report> {
-    let file = MissionFile::read(&arguments.mission, arguments.seed)?;
+    let mut file = MissionFile::read(&arguments.mission, arguments.seed)?;
+    file.simulation.autopilot.kind = arguments.vehicle.autopilot.unwrap_or(file.simulation.autopilot.kind);
     eprintln!("seed {}", file.seed);
     prepare(&arguments.out, arguments.force)?;
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start threads")?;
     }
 
-    let flight = match &arguments.board {
-        None => fly(&file.mission, &file.simulation, file.seed),
-        Some(port) => SerialBoard::open(port, &file.mission.parameters())
-            .map_err(FlightError::from)
-            .and_then(|mut board| fly_board(&mut board, &file.mission, &file.simulation, file.seed)),
-    };
-    let flight = flight.with_context(|| format!("mission {}", file.path.display()))?;
+    let flight = flown(arguments, &file).with_context(|| format!("mission {}", file.path.display()))?;
     let log = log_bytes(&flight).context("board.log")?;
     let report = file.check(&flight, &log)?;
     let photos = !arguments.no_photos;
     file.leave(&arguments.out, &Left { program: PROGRAM, flight: &flight, log: &log, report: &report, photos })?;
     print(&report, arguments.json)?;
     Ok(report)
+}
+
+fn flown(arguments: &FlyArguments, file: &MissionFile) -> Result<Flight> {
+    let MissionFile { mission, simulation, seed, .. } = file;
+    if let Some(port) = &arguments.board {
+        if simulation.autopilot.kind.named().is_some() {
+            bail!("a board at a serial port flies with the simple autopilot: change simulation.autopilot.kind");
+        }
+        let mut board = SerialBoard::open(port, &mission.parameters()).map_err(FlightError::from)?;
+        return Ok(fly_board(&mut board, mission, simulation, *seed)?);
+    }
+    let Some(kind) = simulation.autopilot.kind.named() else {
+        if arguments.vehicle.mavlink.is_some() || arguments.vehicle.realtime {
+            bail!("the simple autopilot speaks no MAVLink and knows no clock; choose another with --autopilot");
+        }
+        return Ok(fly(mission, simulation, *seed)?);
+    };
+    let mut board = Linked::new(kind, &mission.parameters(), simulation)?;
+    if let Some(connection) = &arguments.vehicle.mavlink {
+        board = board.watched_by(Peer::open(connection).with_context(|| format!("cannot open {connection}"))?);
+    }
+    if arguments.vehicle.realtime {
+        board = board.in_real_time();
+    }
+    let flight = fly_board(&mut board, mission, simulation, *seed)?;
+    eprintln!("{}: {}", kind.name(), board.account().text());
+    Ok(flight)
 }
 
 fn print(report: &Report, json: bool) -> Result<()> {

@@ -2,12 +2,14 @@
 //!
 //! Keys carry the file's units (degrees, millimetres), fields SI. An empty or absent table is a decent realistic flight.
 
+mod autopilot;
 mod check;
 mod plant;
 mod units;
 
 use serde::{Deserialize, Serialize};
 
+pub use autopilot::{AutopilotKind, ModeName};
 pub use check::Violation;
 pub use plant::{
     AttitudeConfig, AutopilotConfig, BuildConfig, CardConfig, EncoderConfig, NavigationConfig, PilotConfig,

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::autopilot::{AutopilotKind, ModeName};
 use super::check::Checker;
 use super::units::{degrees, millimetres};
 
@@ -71,17 +72,23 @@ impl Default for AttitudeConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AutopilotConfig {
+    /// Which one it is.
+    #[serde(skip_serializing_if = "AutopilotKind::is_simple")]
+    pub kind: AutopilotKind,
+    /// Its mode; by default the one of missions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mode: Option<ModeName>,
     /// Error of its own idea of where it is in the section.
     pub position_sigma_m: f64,
     /// How slowly that error wanders.
     pub position_time_s: f64,
     /// Where in the section the pilot holds it, `[y, z]`.
     pub hold_m: [f64; 2],
-    /// From the board's command to the autopilot.
+    /// From the board's command to the simple autopilot.
     pub link_delay_s: f64,
     /// Time constant with which the speed target follows a new limit.
     pub speed_lag_s: f64,
-    /// Share of the limit that it flies.
+    /// Share of the limit that the simple one flies.
     pub limit_use: f64,
     /// Strongest forward acceleration.
     pub most_acceleration_mps2: f64,
@@ -90,6 +97,8 @@ pub struct AutopilotConfig {
 impl Default for AutopilotConfig {
     fn default() -> Self {
         Self {
+            kind: AutopilotKind::Simple,
+            mode: None,
             position_sigma_m: 0.05,
             position_time_s: 8.0,
             hold_m: [0.0, 0.0],

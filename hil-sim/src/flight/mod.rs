@@ -3,9 +3,11 @@
 //! The flight's record holds both what the board wrote and what truly happened; the SD card and the checker are made
 //! from it.
 
+mod linked;
 mod pilot;
 #[cfg(test)]
 pub(crate) mod stand_in;
+mod watcher;
 
 use adit_firmware::controller::Controller;
 use adit_firmware::io::{Inputs, Outputs};
@@ -20,6 +22,7 @@ use crate::plant::vehicle::VehicleState;
 use crate::scene::{Wall, WallError};
 use crate::tunnel::clearance_m;
 use crate::world::{Exposure, PilotAction, World};
+pub use linked::{Account, Linked};
 use pilot::{Ending, Pilot};
 
 /// After the board has lost its power the camera still stores what it was told to take.
@@ -39,6 +42,13 @@ pub trait Board {
     /// # Errors
     /// [`BoardError`] if the board is gone; the flight is then over.
     fn step(&mut self, now_us: u64, inputs: &Inputs) -> Result<Outputs, BoardError>;
+
+    /// The forward speed that an autopilot by name steers for, where the pilot wants `wish_mps`; `None` where none is at the
+    /// board's line, and the simple one takes the limit from the outputs.
+    fn steer(&mut self, now_us: u64, wish_mps: f64) -> Option<f64> {
+        let _ = (now_us, wish_mps);
+        None
+    }
 }
 
 impl Board for Controller {
@@ -72,6 +82,9 @@ pub enum BoardError {
         /// How long.
         seconds: f64,
     },
+    /// The peer that watches.
+    #[error("the MAVLink connection broke: {0}")]
+    Peer(#[source] std::io::Error),
     /// The board understood other parameters than it was given, or they do not fit a message.
     #[error("the board does not take the mission's parameters; its image may be of another version")]
     Parameters,
@@ -140,8 +153,12 @@ pub struct Flight {
 /// Builds the tunnel, flies the board's own logic through it and returns the record.
 ///
 /// # Errors
-/// [`WallError`] if the wall cannot be built.
+/// [`FlightError`] if the wall cannot be built, or the autopilot has no such mode.
 pub fn fly(mission: &Mission, simulation: &Simulation, seed: u64) -> Result<Flight, FlightError> {
+    if let Some(kind) = simulation.autopilot.kind.named() {
+        let mut board = Linked::new(kind, &mission.parameters(), simulation)?;
+        return fly_board(&mut board, mission, simulation, seed);
+    }
     let mut controller = Controller::new(mission.parameters());
     fly_board(&mut controller, mission, simulation, seed)
 }
@@ -152,6 +169,16 @@ pub enum FlightError {
     /// The board.
     #[error(transparent)]
     Board(#[from] BoardError),
+    /// The autopilot does not know the mode.
+    #[error("{autopilot} has no mode {mode}; it has {known}")]
+    Mode {
+        /// Which autopilot.
+        autopilot: &'static str,
+        /// The mode.
+        mode: &'static str,
+        /// Those that it has.
+        known: String,
+    },
     /// The profile cannot be built.
     #[error("tunnel: {0}")]
     Profile(#[from] adit_geometry::profile::ProfileError),
@@ -195,9 +222,9 @@ pub fn fly_board(
         }
         let now_us = (world.now_s() * 1e6).round() as u64;
         board.feel(now_us, world.vehicle());
-        let outputs = board.step(now_us, &inputs)?;
+        let mut outputs = board.step(now_us, &inputs)?;
         flight.note(&world, &outputs);
-        let action = match pilot.decide(world.now_s(), outputs.mode, world.vehicle().position_m.x) {
+        let mut action = match pilot.decide(world.now_s(), outputs.mode, world.vehicle().position_m.x) {
             Ok(action) => action,
             Err(ending) => {
                 flight.outcome = match ending {
@@ -207,6 +234,12 @@ pub fn fly_board(
                 break;
             }
         };
+        if let Some(aim_mps) = board.steer(now_us, action.cruise_mps) {
+            outputs.speed_limit_mps = None;
+            if !world.faults.holds(FaultKind::LimitIgnored, world.now_s()) {
+                action.cruise_mps = aim_mps;
+            }
+        }
         inputs = world.step(&outputs, action);
         if clearance_m(&world.wall, &world.vehicle().position_m) < VEHICLE_HALF_WIDTH_M {
             flight.outcome = Outcome::Struck;

@@ -1,5 +1,6 @@
 //! Whole flights: rules that must hold, figures on record, bytes on the card.
 
+mod autopilots;
 mod bytes;
 mod common;
 mod scenarios;
