@@ -12,7 +12,7 @@
 //!
 //! What is asked is repeated every second, for whoever lost it (a lost message, a change of mode, an autopilot that began
 //! anew), and twice as often while the vehicle is too fast. A parameter whose effect overshoots is asked for with a share of
-//! the limit that shrinks with every excess.
+//! the limit that shrinks with every excess that braking does not end, and grows again while the vehicle stays far below.
 
 use adit_protocol::mavlink::CommandResult;
 use adit_protocol::telemetry::Enforcement;
@@ -45,8 +45,15 @@ const GUST_S: f32 = 0.5;
 const STICK_SHARE: f32 = 0.85;
 /// And at last.
 const LEAST_SHARE: f32 = 0.4;
-/// The share shrinks no more often than this: the vehicle must have had time to brake.
-const SHRINK_S: f32 = 1.0;
+/// The share changes no more often than this: the vehicle must have had time to follow.
+const SHARE_S: f32 = 1.0;
+/// It shrinks by no less than this at a time,
+const SHRINK: f32 = 0.8;
+/// and grows by this.
+const GROW: f32 = 1.08;
+/// A vehicle whose speed has fallen by this within [`TREND_S`] is braking.
+const BRAKING_MPS: f32 = 0.02;
+const TREND_S: f32 = 0.4;
 /// Setpoints of velocity expire after 3 s in `ArduPilot`.
 const LEAD_S: f32 = 0.2;
 
@@ -106,7 +113,7 @@ pub(super) struct Enforcer {
     limits_us: Option<u64>,
     lead_us: Option<u64>,
     share: f32,
-    shrunk_us: Option<u64>,
+    share_us: Option<u64>,
     judge: Judge,
 }
 
@@ -120,6 +127,9 @@ struct Judge {
     /// The limit that the proof is for.
     proven_mps: f32,
     too_fast: bool,
+    /// The speed a moment ago, and whether it has fallen since the one before.
+    trend: Timed<f32>,
+    brakes: bool,
 }
 
 impl Enforcer {
@@ -134,7 +144,7 @@ impl Enforcer {
             limits_us: None,
             lead_us: None,
             share: STICK_SHARE,
-            shrunk_us: None,
+            share_us: None,
             judge: Judge::default(),
         }
     }
@@ -191,7 +201,7 @@ impl Enforcer {
             Some(limit_mps) => self.judge.look(now_us, limit_mps, situation.speed_mps),
             None => self.judge = Judge::default(),
         }
-        self.shrink(now_us, situation);
+        self.adapt_share(now_us, situation);
         let wanted = situation.limit_mps.map(|limit_mps| {
             let (way, floor_mps) = situation.row.map_or((Way::None, 0.0), |row| (row.way, row.floor_mps));
             let share = if way == Way::LoiterParameter { self.share } else { self.share / STICK_SHARE };
@@ -200,13 +210,19 @@ impl Enforcer {
         self.hold.want(now_us, wanted);
     }
 
-    /// Asks for less where the vehicle overshoots what it was told.
-    fn shrink(&mut self, now_us: u64, situation: Situation) {
+    /// Asks for less where the vehicle overshoots what it was told, and for more again where it stays far below.
+    fn adapt_share(&mut self, now_us: u64, situation: Situation) {
         let Some((limit_mps, speed_mps)) = situation.limit_mps.zip(situation.speed_mps) else { return };
-        let may = self.shrunk_us.is_none_or(|at_us| has_passed(at_us, now_us, SHRINK_S));
-        if may && self.judge.is_over_for(now_us, GUST_S) && self.judge.within_since_us.is_none() && speed_mps > 0.0 {
-            self.share = (self.share * (limit_mps / speed_mps).clamp(0.8, 1.0)).max(LEAST_SHARE);
-            self.shrunk_us = Some(now_us);
+        if self.share_us.is_some_and(|at_us| !has_passed(at_us, now_us, SHARE_S)) {
+            return;
+        }
+        let overshoots = self.judge.is_over_for(now_us, GUST_S) && self.judge.within_since_us.is_none();
+        if overshoots && !self.judge.brakes && speed_mps > 0.0 {
+            self.share = (self.share * (limit_mps / speed_mps).clamp(SHRINK, 1.0)).max(LEAST_SHARE);
+            self.share_us = Some(now_us);
+        } else if self.judge.is_within_for(now_us, 2.0 * SHARE_S) && speed_mps < limit_mps * PRESSING_SHARE {
+            self.share = (self.share * GROW).min(STICK_SHARE);
+            self.share_us = Some(now_us);
         }
     }
 
@@ -287,6 +303,11 @@ impl Judge {
             (self.over_since_us, self.within_since_us) = (None, None);
             return;
         };
+        let (before_mps, at_us) = *self.trend.get_or_insert((speed_mps, now_us));
+        if has_passed(at_us, now_us, TREND_S) {
+            self.brakes = speed_mps < before_mps - BRAKING_MPS;
+            self.trend = Some((speed_mps, now_us));
+        }
         if speed_mps > limit_mps * (1.0 + TOLERANCE_SHARE) + TOLERANCE_MPS {
             self.over_since_us.get_or_insert(now_us);
             self.within_since_us = None;
@@ -306,6 +327,10 @@ impl Judge {
         {
             self.proof_s += crate::time::seconds(before_us, now_us).min(0.1);
         }
+    }
+
+    fn is_within_for(&self, now_us: u64, duration_s: f32) -> bool {
+        self.within_since_us.is_some_and(|since_us| has_passed(since_us, now_us, duration_s))
     }
 
     fn is_over_for(&self, now_us: u64, duration_s: f32) -> bool {

@@ -56,6 +56,7 @@ use files::LogServer;
 use guard::{Guard, Refused};
 use hold::HoldAsk;
 use lines::Line;
+use modes::Row;
 use params::{Change, ParameterServer};
 use report::{Report, Speed};
 use vehicle::Vehicle;
@@ -502,7 +503,7 @@ impl Link {
                 leads: self.lead_mps > 0.0 && matches!(outputs.mode, Mode::Scanning | Mode::Degraded),
             },
         );
-        self.say_enforcement(now_us, row.map_or("", |row| row.name), outputs, &vehicle);
+        self.say_enforcement(now_us, row, outputs, &vehicle);
         self.report.note(now_us, outputs, ranges_m, &vehicle, self.enforcer.state().0, diagnosis);
     }
 
@@ -517,7 +518,8 @@ impl Link {
     }
 
     /// A change in how far the limit is in force is news.
-    fn say_enforcement(&mut self, now_us: u64, mode: &'static str, outputs: &Outputs, vehicle: &VehicleView) {
+    fn say_enforcement(&mut self, now_us: u64, row: Option<Row>, outputs: &Outputs, vehicle: &VehicleView) {
+        let mode = row.map_or("", |row| row.name);
         let (state, cause) = self.enforcer.state();
         let news = (state, cause, mode);
         if matches!(state, Enforcement::Idle | Enforcement::Requested) {
@@ -546,7 +548,8 @@ impl Link {
                 report.say_words(Severity::Warning, format_args!("{mode} takes no limit: keep below {limit} m/s"));
             }
             Some(Cause::Floor) => {
-                report.say_words(Severity::Warning, format_args!("{mode}: cannot go below {limit} m/s, slow down"));
+                let floor = Speed(row.map_or(0.0, |row| row.floor_mps));
+                report.say_words(Severity::Warning, format_args!("{mode} takes {floor} at least: keep below {limit}"));
             }
             Some(Cause::Refused(refusal)) => {
                 let why = match refusal {

@@ -95,7 +95,7 @@ fn a_refusal_is_told() {
 fn a_mode_that_takes_no_limit_and_a_limit_below_its_floor_are_told_at_once() {
     for (mode, limit_mps, words) in [
         (2, 0.3, "ALT_HOLD takes no limit: keep below 0.30 m/s"),
-        (3, 0.05, "AUTO: cannot go below 0.05 m/s, slow down"),
+        (3, 0.05, "AUTO takes 0.10 at least: keep below 0.05"),
     ] {
         let (mut link, mut toy) = (link(), Toy::new(mode));
         let (_, heard) = toy.run(&mut link, 0, 1, Some(limit_mps));

@@ -28,7 +28,7 @@ for number, name in ANSWERS.items():
     answer = vehicle.wait(lambda m: m.get_type() == name)
     assert answer.get_srcComponent() == component, answer
 
-vehicle.say(mavlink.MAVLink_timesync_message(0, 1234567, 1, 191), station)
+vehicle.say(mavlink.MAVLink_timesync_message(0, 1234567), station)
 answer = vehicle.wait(lambda m: m.get_type() == "TIMESYNC")
 assert (answer.ts1, answer.tc1 > 0) == (1234567, True), answer
 
