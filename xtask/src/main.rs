@@ -3,6 +3,7 @@
 mod demo;
 mod flash;
 mod image;
+mod peers;
 mod shell;
 mod test;
 
@@ -44,7 +45,8 @@ enum Command {
     Test,
     /// What `.ci/run` runs: format, lints and docs, then `test`.
     Ci,
-    /// Install what builds and tests need and is missing (the board's target, rustfmt, clippy).
+    /// Install what builds and tests need and is missing (the board's target, rustfmt, clippy, and pymavlink, MAVSDK and
+    /// MAVProxy from PyPI as peers for the tests of the link).
     Setup,
 }
 

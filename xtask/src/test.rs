@@ -4,7 +4,7 @@ use anyhow::{Result, bail};
 
 use crate::image::{self, Kind};
 use crate::shell::{output, run, run_with};
-use crate::{flash, image::build};
+use crate::{flash, image::build, peers};
 
 /// The rotator board's target.
 pub(crate) const BOARD: &str = "thumbv7em-none-eabihf";
@@ -28,7 +28,7 @@ pub(crate) fn setup() -> Result<()> {
             run("rustup", &["component", "add", component])?;
         }
     }
-    Ok(())
+    peers::install()
 }
 
 /// The flash images and their budget, then all tests, those that fly the image on the emulated board last.

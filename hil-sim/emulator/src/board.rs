@@ -99,6 +99,8 @@ pub struct EmulatedBoard {
     said: [Vec<u8>; LINES],
     sent: [Vec<u8>; LINES],
     heard_now: [Vec<u8>; LINES],
+    /// What the vehicle said on TELEM1 in the last step.
+    vehicle_said: Vec<u8>,
     inputs: Inputs,
     pins: Pins,
     now_ns: u64,
@@ -142,6 +144,7 @@ impl EmulatedBoard {
             said: Default::default(),
             sent: Default::default(),
             heard_now: Default::default(),
+            vehicle_said: Vec::new(),
             inputs: Inputs::default(),
             pins: Pins::default(),
             now_ns: 0,
@@ -154,6 +157,11 @@ impl EmulatedBoard {
     /// The pins as they were at the last step.
     pub fn pins(&self) -> Pins {
         self.pins
+    }
+
+    /// What the vehicle said on TELEM1 in the last step.
+    pub fn vehicle_said(&self) -> &[u8] {
+        &self.vehicle_said
     }
 
     /// What the board has sent on TELEM1 and TELEM2 during the last step.
@@ -297,8 +305,8 @@ impl Board for EmulatedBoard {
             hub.hear(&self.heard_now[HUB]);
         }
         self.inputs = *inputs;
-        let bytes = self.link.say(now_us, inputs);
-        self.said[TELEM1].extend(bytes);
+        self.vehicle_said = self.link.say(now_us, inputs);
+        self.said[TELEM1].extend(&self.vehicle_said);
         Ok(self.outputs())
     }
 }

@@ -18,6 +18,7 @@ mod report;
 mod run;
 pub mod serve;
 mod vehicle_link;
+mod watched;
 
 pub use board::{EmulatedBoard, EmulatorError, Setup};
 pub use faults::{BoardFault, BoardFaultKind};
@@ -26,3 +27,4 @@ pub use machine::{BlockImage, BlockWrite, FRAM_BYTES, FramWrite, Pins, RangerMis
 pub use provision::{BeyondFram, parameters_in, provisioned_fram};
 pub use report::{Report, Restart, RestartCause};
 pub use run::RunError;
+pub use watched::Watched;

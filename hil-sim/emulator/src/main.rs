@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adit_emulator::serve::{Ports, serve};
-use adit_emulator::{EmulatedBoard, Report, Setup, log_of, provisioned_fram};
+use adit_emulator::{EmulatedBoard, Report, Setup, Watched, log_of, provisioned_fram};
 use adit_hil_sim::check;
 use adit_hil_sim::command::{Left, MissionFile, figures_text, prepare};
 use adit_hil_sim::flight::fly_board;
+use adit_hil_sim::peer::Peer;
+use adit_protocol::connection::Connection;
 use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 
@@ -66,6 +68,12 @@ struct FlyArguments {
     /// The flash image (ELF).
     #[arg(long, default_value = IMAGE)]
     image: PathBuf,
+    /// Show the vehicle to a ground station there, such as udpout:127.0.0.1:14550.
+    #[arg(long, value_name = "CONNECTION")]
+    mavlink: Option<Connection>,
+    /// Let a second last a second.
+    #[arg(long)]
+    realtime: bool,
     /// Leave out photos and the true texture.
     #[arg(long)]
     no_photos: bool,
@@ -149,10 +157,15 @@ fn run(arguments: &FlyArguments) -> Result<bool> {
 
     let parameters = file.mission.parameters();
     let setup = Setup { fram: provisioned_fram(&parameters)?, ..Setup::new(file.seed)? };
-    let mut board = EmulatedBoard::new(image, &parameters, setup)?;
-    let mut flight = fly_board(&mut board, &file.mission, &file.simulation, file.seed)
+    let peer = arguments
+        .mavlink
+        .as_ref()
+        .map(|connection| Peer::open(connection).with_context(|| format!("cannot open {connection}")));
+    let board = EmulatedBoard::new(image, &parameters, setup)?;
+    let mut watched = Watched::new(board, peer.transpose()?, arguments.realtime);
+    let mut flight = fly_board(&mut watched, &file.mission, &file.simulation, file.seed)
         .with_context(|| format!("mission {}", file.path.display()))?;
-    let board = board.finish()?;
+    let board = watched.board.finish()?;
     let log = log_of(&board)?;
     flight.entries = log.entries;
     flight.restarts_s = board.restarts.iter().map(|restart| restart.at_ns as f64 * 1e-9).collect();

@@ -7,7 +7,7 @@ mod linked;
 mod pilot;
 #[cfg(test)]
 pub(crate) mod stand_in;
-mod watcher;
+pub mod watcher;
 
 use adit_firmware::controller::Controller;
 use adit_firmware::io::{Inputs, Outputs};

@@ -193,6 +193,16 @@ fn mavsdk_lists_and_sets_the_parameters_and_finds_the_camera() {
 }
 
 #[test]
+fn mavsdk_sees_the_vehicle_with_our_component_beside_it_and_every_capture() {
+    let Some(python) = python("mavsdk_sees_the_vehicle_with_our_component_beside_it_and_every_capture") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let (image, out) = (target().join("image/rotator.elf"), folder.path().join("flight"));
+    let paths = [Path::new(MISSION), &out].map(|path| path.to_string_lossy().into_owned());
+    let emulator = env!("CARGO_BIN_EXE_adit-emulator");
+    run(&python, "captures.py", &[emulator, &image.to_string_lossy(), &paths[0], &paths[1]]);
+}
+
+#[test]
 fn mavproxy_loads_the_parameters() {
     let Some(python) = python("mavproxy_loads_the_parameters") else { return };
     let board = Served::start();

@@ -72,11 +72,14 @@ class Vehicle(threading.Thread):
         return taken
 
     def wait(self, fits, seconds=20.0):
-        """The first message that fits; fails if none comes."""
+        """The first message that fits, those behind it left for the next; fails if none comes."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
-            for message in self.take():
+            taken = self.take()
+            for place, message in enumerate(taken):
                 if fits(message):
+                    with self.lock:
+                        self.messages = taken[place + 1 :] + self.messages
                     return message
             time.sleep(0.01)
         raise AssertionError("no such message")

@@ -1,0 +1,47 @@
+"""MAVSDK watches a flight of the flash image: a vehicle, our component beside it, and every capture.
+
+usage: captures.py EMULATOR IMAGE MISSION OUT
+"""
+
+import asyncio
+import subprocess
+import sys
+
+from mavsdk import System
+
+emulator, image, mission, out = sys.argv[1:]
+PORT = 14572
+WANTED = 5
+
+
+async def first(stream, fits):
+    async for item in stream:
+        if fits(item):
+            return item
+
+
+async def main():
+    system = System(sysid=254, compid=190)
+    await system.connect(system_address=f"udpin://127.0.0.1:{PORT}")
+    await first(system.core.connection_state(), lambda state: state.is_connected)
+    position = await first(system.telemetry.position_velocity_ned(), lambda ned: True)
+    print("vehicle at", round(position.position.north_m, 2), "m north")
+    await first(system.camera.camera_list(), lambda list: list.cameras)
+    seen = []
+    async for capture in system.camera.capture_info():
+        seen.append(capture.index)
+        if len(seen) >= WANTED:
+            break
+    assert seen == list(range(seen[0], seen[0] + WANTED)), seen
+    print("captures", seen)
+
+
+flight = subprocess.Popen(
+    [emulator, "fly", mission, "--out", out, "--image", image, "--no-photos", "--realtime"]
+    + ["--mavlink", f"udpout:127.0.0.1:{PORT}"],
+    stdout=subprocess.DEVNULL,
+)
+try:
+    asyncio.run(asyncio.wait_for(main(), 150))
+finally:
+    flight.kill()
