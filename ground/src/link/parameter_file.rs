@@ -1,5 +1,5 @@
-//! Parameters in a file, in the plain form that Mission Planner and `MAVProxy` read and write: `NAME,VALUE` or `NAME VALUE` per
-//! line, comments behind `#`. `QGroundControl`'s five columns (vehicle, component, name, value, type) are read as well.
+//! Parameters in a file, in the plain form that Mission Planner and MAVProxy read and write: `NAME,VALUE` or `NAME VALUE` per
+//! line, comments behind `#`. QGroundControl's five columns (vehicle, component, name, value, type) are read as well.
 
 use std::fmt::Write as _;
 use std::fs;

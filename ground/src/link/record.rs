@@ -1,6 +1,6 @@
-//! A record of every frame, as Mission Planner, `MAVProxy` and pymavlink read it: `.tlog`.
+//! A record of every frame, as Mission Planner, MAVProxy and pymavlink read it: `.tlog`.
 //!
-//! Each frame stands behind the time at which it was heard or sent, 8 bytes, big-endian, microseconds since 1970 (`MAVProxy`
+//! Each frame stands behind the time at which it was heard or sent, 8 bytes, big-endian, microseconds since 1970 (MAVProxy
 //! `mavproxy.py`, pymavlink `mavutil.mavlogfile`). Nothing is buffered: a killed session loses no frame.
 
 use std::fs::File;

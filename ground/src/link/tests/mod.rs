@@ -3,6 +3,7 @@
 mod board;
 mod logs;
 mod parameters;
+mod peers;
 mod session;
 mod signing;
 
