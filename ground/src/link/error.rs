@@ -91,7 +91,7 @@ pub enum LinkError {
         others: Vec<String>,
     },
     /// A question was asked again and again, and not answered.
-    #[error("{question} was not answered within {} s{}", within.as_secs_f32(), reason(said))]
+    #[error("{question} was not answered within {} s{}", within.as_secs_f32(), reason(said.as_deref()))]
     NoAnswer {
         /// The question.
         question: Question,
@@ -101,7 +101,7 @@ pub enum LinkError {
         said: Option<String>,
     },
     /// A change of a parameter was refused: the board answers with another value.
-    #[error("{name}: asked for {}, the board has {}{}", Shown(*wanted), Shown(*found), reason(said))]
+    #[error("{name}: asked for {}, the board has {}{}", Shown(*wanted), Shown(*found), reason(said.as_deref()))]
     ParameterRefused {
         /// Which.
         name: String,
@@ -113,7 +113,7 @@ pub enum LinkError {
         said: Option<String>,
     },
     /// A key was refused.
-    #[error("the board refused the key{}", reason(said))]
+    #[error("the board refused the key{}", reason(said.as_deref()))]
     KeyRefused {
         /// What the board said.
         said: Option<String>,
@@ -145,6 +145,6 @@ fn heard(others: &[String]) -> String {
     if others.is_empty() { "nothing at all was heard".to_owned() } else { format!("heard: {}", others.join(", ")) }
 }
 
-fn reason(said: &Option<String>) -> String {
-    said.as_ref().map(|said| format!("; the board says: {said}")).unwrap_or_default()
+fn reason(said: Option<&str>) -> String {
+    said.map(|said| format!("; the board says: {said}")).unwrap_or_default()
 }

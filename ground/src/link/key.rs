@@ -147,7 +147,8 @@ fn state_path(key: &Path) -> PathBuf {
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    let digits = bytes.iter().flat_map(|byte| [byte >> 4, byte & 0xF]);
+    digits.filter_map(|nibble| char::from_digit(u32::from(nibble), 16)).collect()
 }
 
 fn bytes(digits: &str) -> Option<[u8; 32]> {

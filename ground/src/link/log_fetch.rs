@@ -197,7 +197,7 @@ mod tests {
                 requests += 1;
                 prop_assert!(requests < 3000);
                 let mut pieces: Vec<_> = (offset..offset + count).step_by(90).map(|at| piece(&log, at)).collect();
-                for _ in 0..pieces.len() / 3 + 1 {
+                for _ in 0..=(pieces.len() / 3) {
                     let (fate, at) = fates.next().unwrap();
                     if pieces.len() < 2 { break }
                     let at = at.index(pieces.len());

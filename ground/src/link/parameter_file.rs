@@ -1,6 +1,7 @@
 //! Parameters in a file, in the plain form that Mission Planner and MAVProxy read and write: `NAME,VALUE` or `NAME VALUE` per
 //! line, comments behind `#`. QGroundControl's five columns (vehicle, component, name, value, type) are read as well.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
 use std::io;
@@ -100,7 +101,7 @@ impl ParameterFile {
     /// All that is wrong.
     pub fn parse(text: &str) -> Result<Self, Vec<ParameterFileProblem>> {
         let mut entries: Vec<(String, f64)> = Vec::new();
-        let mut lines = Vec::new();
+        let mut lines = BTreeMap::new();
         let mut problems = Vec::new();
         for (line, content) in (1..).zip(text.lines()) {
             let content = content.split('#').next().unwrap_or_default().trim();
@@ -108,17 +109,14 @@ impl ParameterFile {
                 continue;
             }
             match entry(line, content) {
-                Ok((name, value)) => match entries.iter().position(|(other, _)| *other == name) {
-                    Some(first) => problems.push(ParameterFileProblem::Twice {
-                        line,
-                        name,
-                        first: lines.get(first).copied().unwrap_or_default(),
-                    }),
-                    None => {
-                        entries.push((name, value));
-                        lines.push(line);
+                Ok((name, value)) => {
+                    if let Some(first) = lines.get(&name).copied() {
+                        problems.push(ParameterFileProblem::Twice { line, name, first });
+                        continue;
                     }
-                },
+                    lines.insert(name.clone(), line);
+                    entries.push((name, value));
+                }
                 Err(problem) => problems.push(problem),
             }
         }
@@ -163,9 +161,8 @@ pub fn value_like(value: f64, there: Value) -> Option<Value> {
 fn entry(line: usize, content: &str) -> Result<(String, f64), ParameterFileProblem> {
     let is_separator = |letter: char| letter == ',' || letter.is_whitespace();
     let columns: Vec<&str> = content.split(is_separator).filter(|column| !column.is_empty()).collect();
-    let (name, value) = match columns[..] {
-        [name, value] | [_, _, name, value, _] => (name, value),
-        _ => return Err(ParameterFileProblem::Columns { line, found: columns.len() }),
+    let ([name, value] | [_, _, name, value, _]) = columns[..] else {
+        return Err(ParameterFileProblem::Columns { line, found: columns.len() });
     };
     let is_name = name.len() <= NAME_BYTES && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
     if !is_name {

@@ -17,13 +17,11 @@ const ANSWERS_TO_REFUSAL: u32 = 3;
 
 /// Whether a value that was asked for and one that came back are the same, but for the rounding of a conversion.
 pub fn same_value(one: Value, other: Value) -> bool {
-    match (one, other) {
-        (Value::Whole(one), Value::Whole(other)) => one == other,
-        _ => {
-            let (one, other) = (one.real(), other.real());
-            one == other || (one - other).abs() <= RELATIVE_TOLERANCE * one.abs().max(other.abs())
-        }
+    if let (Value::Whole(one), Value::Whole(other)) = (one, other) {
+        return one == other;
     }
+    let (one, other) = (one.real(), other.real());
+    one == other || (one - other).abs() <= RELATIVE_TOLERANCE * one.abs().max(other.abs())
 }
 
 /// A value as people write it.
@@ -189,7 +187,7 @@ impl Session {
     /// [`LinkError::NoAnswer`], [`LinkError::Ended`].
     pub async fn parameter(&self, board: &Board, name: &str) -> Result<Parameter, LinkError> {
         let question = Question::Parameter(name.to_owned());
-        let name = self.name(name, &question)?;
+        let name = letters_of(name, &question)?;
         let mut dialogue = ReadDialogue { whom: board.target, name, encoding: board.encoding };
         self.lead(board.target, question, &mut dialogue).await
     }
@@ -201,7 +199,7 @@ impl Session {
     /// [`LinkError::ParameterRefused`] with the value that the board keeps and what it says of it; [`LinkError::NoAnswer`].
     pub async fn set_parameter(&self, board: &Board, name: &str, value: Value) -> Result<Value, LinkError> {
         let question = Question::Change(name.to_owned());
-        let letters = self.name(name, &question)?;
+        let letters = letters_of(name, &question)?;
         let mut dialogue = ChangeDialogue::new(board, letters, value);
         match self.lead(board.target, question, &mut dialogue).await? {
             Ok(value) => Ok(value),
@@ -210,15 +208,15 @@ impl Session {
             }
         }
     }
+}
 
-    /// A name that is too long is nobody's: nobody would answer.
-    fn name(&self, name: &str, question: &Question) -> Result<Name, LinkError> {
-        Name::try_from(name).map_err(|_| LinkError::NoAnswer {
-            question: question.clone(),
-            within: std::time::Duration::ZERO,
-            said: None,
-        })
-    }
+/// A name that is too long is nobody's: nobody would answer.
+fn letters_of(name: &str, question: &Question) -> Result<Name, LinkError> {
+    Name::try_from(name).map_err(|_| LinkError::NoAnswer {
+        question: question.clone(),
+        within: std::time::Duration::ZERO,
+        said: None,
+    })
 }
 
 #[cfg(test)]

@@ -59,7 +59,7 @@ impl fmt::Display for List {
 
 /// A log that is here now.
 #[derive(Debug, Serialize)]
-struct File {
+struct Fetched {
     number: u16,
     bytes: u32,
     file: PathBuf,
@@ -67,9 +67,9 @@ struct File {
 
 #[derive(Debug, Serialize)]
 #[serde(transparent)]
-struct Files(Vec<File>);
+struct AllFetched(Vec<Fetched>);
 
-impl fmt::Display for Files {
+impl fmt::Display for AllFetched {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.iter().try_for_each(|file| writeln!(out, "{}", file.file.display()))
     }
@@ -99,7 +99,7 @@ pub(super) fn fetch(arguments: &FetchArguments, common: &Common) -> Result<Answe
             };
             let path = session.fetch_log(board, log, out, &mut tell).await;
             bar.finish_and_clear();
-            files.push(File { number: log.number, bytes: log.bytes, file: path? });
+            files.push(Fetched { number: log.number, bytes: log.bytes, file: path? });
         }
         Ok(files)
     })?;
@@ -107,7 +107,7 @@ pub(super) fn fetch(arguments: &FetchArguments, common: &Common) -> Result<Answe
         eprintln!("adit: there is no such log; `adit board logs {}` lists all", arguments.link.connection);
         return Ok(Answer::No);
     }
-    print(&Files(fetched), common)?;
+    print(&AllFetched(fetched), common)?;
     Ok(Answer::Yes)
 }
 

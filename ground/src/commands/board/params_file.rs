@@ -40,6 +40,7 @@ enum Outcome {
 #[serde(transparent)]
 struct Changes(Vec<Change>);
 
+#[expect(clippy::ref_option, clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
 fn value<S: serde::Serializer>(value: &Option<Value>, serializer: S) -> Result<S::Ok, S::Error> {
     value.map(json).serialize(serializer)
 }

@@ -174,18 +174,13 @@ impl Brain {
     /// Whether a request may have an effect.
     fn admits(&mut self, frame: &RawFrame) -> bool {
         let Some(key) = self.script.key else { return true };
-        match self.streams.accept(&key, frame) {
-            Ok(()) => {
-                if let Some(signer) = &mut self.sender.signer {
-                    signer.set_time(self.streams.newest);
-                }
-                true
-            }
-            Err(_) => {
-                self.text("refused request of 255/190: unsigned");
-                false
-            }
+        let is_believed = self.streams.accept(&key, frame).is_ok();
+        if !is_believed {
+            self.text("refused request of 255/190: unsigned");
+        } else if let Some(signer) = &mut self.sender.signer {
+            signer.set_time(self.streams.newest);
         }
+        is_believed
     }
 
     fn hear(&mut self, frame: &RawFrame) {
@@ -217,7 +212,7 @@ impl Brain {
             }
             Some(Incoming::LogList { target, .. }) if target == us => self.list_logs(),
             Some(Incoming::LogRequest { target, id, offset, count }) if target == us => {
-                self.send_log(id, offset, count)
+                self.send_log(id, offset, count);
             }
             Some(Incoming::SetupSigning { target, key, time }) if target == us => {
                 if !self.script.is_service_port {
