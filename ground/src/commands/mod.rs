@@ -124,6 +124,7 @@ mod tests {
         assert!(parses(&["adit", "board", "params", "udpin:0.0.0.0:14550", "--json", "--timeout", "3"]));
         assert!(parses(&["adit", "board", "params", "get", "udpin:0.0.0.0:14550", "SPD_MARGIN", "--json"]));
         assert!(parses(&["adit", "board", "params", "set", "udpin:0.0.0.0:14550", "SPD_MARGIN=-1"]));
+        assert!(!parses(&["adit", "board", "params"]));
         assert!(!parses(&["adit", "board", "params", "set", "udpin:0.0.0.0:14550"]));
         assert!(!parses(&["adit", "board", "params", "get"]));
         assert!(!parses(&["adit", "board", "info", "carrier:pigeon"]));

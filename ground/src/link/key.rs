@@ -118,16 +118,16 @@ impl KeyFile {
     }
 
     /// Keeps what was heard, and the last time signed; while a session goes on, with what it may sign before the next keeping.
+    /// This session's own time goes on from where it was read.
     ///
     /// # Errors
     /// [`KeyError::Io`].
-    pub(super) fn keep(&mut self, signed: u64, heard: &Verifier, goes_on: bool) -> Result<(), KeyError> {
+    pub(super) fn keep(&self, signed: u64, heard: &Verifier, goes_on: bool) -> Result<(), KeyError> {
         let lease = if goes_on { LEASE_UNITS } else { 0 };
-        self.kept = Kept { signed: signed + lease, heard: heard.clone() };
+        let kept = Kept { signed: signed + lease, heard: heard.clone() };
         let path = state_path(&self.path);
-        let written = serde_json::to_vec(&self.kept)
-            .map_err(io::Error::from)
-            .and_then(|content| files::write_whole(&path, &content));
+        let written =
+            serde_json::to_vec(&kept).map_err(io::Error::from).and_then(|content| files::write_whole(&path, &content));
         written.map_err(|source| KeyError::Io { path, doing: "what is kept beside the key cannot be written", source })
     }
 }
@@ -184,10 +184,11 @@ mod tests {
     fn time_begins_in_2015_and_goes_on_where_it_was_if_the_clock_is_put_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("board.key");
-        let mut file = KeyFile::create(&path).unwrap();
+        let file = KeyFile::create(&path).unwrap();
         let at = |seconds| SystemTime::UNIX_EPOCH + Duration::from_secs(EPOCH_UNIX_S + seconds);
         assert_eq!(file.time(at(2)), 2 * UNITS_PER_S);
         file.keep(500 * UNITS_PER_S, &Verifier::default(), false).unwrap();
+        assert_eq!(file.time(at(2)), 2 * UNITS_PER_S, "the session that goes on is not moved");
         let again = KeyFile::read(&path).unwrap();
         assert_eq!(again.time(at(2)), 500 * UNITS_PER_S);
         assert_eq!(again.time(at(501)), 501 * UNITS_PER_S);

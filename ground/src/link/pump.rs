@@ -5,8 +5,8 @@ use std::time::{Duration, SystemTime};
 
 use adit_protocol::mavlink::{FrameDecoder, Incoming, Key, OutFrame, RawFrame, Sender, Signer};
 use tokio::sync::{broadcast, mpsc, watch};
-use tokio::time::{MissedTickBehavior, interval, sleep};
-use tracing::{debug, info, warn};
+use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep};
+use tracing::{info, warn};
 
 use super::error::LinkError;
 use super::key::KeyFile;
@@ -63,7 +63,8 @@ impl Pump {
 
     /// Goes on until nobody sends requests any more.
     pub(super) async fn run(mut self, mut requests: mpsc::Receiver<Build>) -> Result<Summary, LinkError> {
-        let mut heartbeat = interval(HEARTBEAT);
+        // The first goes out when the line is up.
+        let mut heartbeat = interval_at(Instant::now() + HEARTBEAT, HEARTBEAT);
         heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
@@ -164,23 +165,23 @@ impl Pump {
 
     fn beat(&mut self) {
         self.send(Box::new(Sender::ground_heartbeat));
+        self.beats = self.beats.wrapping_add(1);
         if self.beats.is_multiple_of(KEEP_BEATS)
             && let Err(error) = self.keep(true)
         {
-            // Told when the session ends, too: what is signed next time might be refused.
-            debug!("{error}");
+            // It worked when the session was opened, and is tried again when it ends.
+            warn!("{error}");
         }
-        self.beats = self.beats.wrapping_add(1);
     }
 
-    fn keep(&mut self, goes_on: bool) -> Result<(), LinkError> {
-        if let (Some(signer), Some(file)) = (&self.sender.signer, &mut self.key) {
+    fn keep(&self, goes_on: bool) -> Result<(), LinkError> {
+        if let (Some(signer), Some(file)) = (&self.sender.signer, &self.key) {
             file.keep(signer.time, &self.verifier, goes_on)?;
         }
         Ok(())
     }
 
-    async fn finish(mut self) -> Result<Summary, LinkError> {
+    async fn finish(self) -> Result<Summary, LinkError> {
         let kept = self.keep(false);
         let recorded = self.recorder.as_ref().map_or(0, Recorder::frames);
         let counters = self.decoder.counters();

@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 
 use adit_protocol::connection::Connection;
 use adit_protocol::mavlink::{
-    AUTOPILOT_COMPONENT, BOARD_COMPONENT, Counters, Incoming, OutFrame, RawFrame, Sender, Target,
+    AUTOPILOT_COMPONENT, BOARD_COMPONENT, CAMERA_COMPONENT, Counters, Incoming, OutFrame, RawFrame, Sender, Target,
 };
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{broadcast, mpsc, watch};
@@ -98,6 +98,7 @@ impl fmt::Display for Peer {
         let name = match self.component {
             AUTOPILOT_COMPONENT => "autopilot",
             BOARD_COMPONENT => "board",
+            CAMERA_COMPONENT => "camera",
             _ if self.kind == 6 => "ground station",
             _ => "component",
         };
@@ -177,9 +178,13 @@ impl Session {
     /// Opens a connection. Must be called within a tokio runtime.
     ///
     /// # Errors
-    /// [`LinkError::Serial`], [`LinkError::Open`], [`LinkError::Record`].
+    /// [`LinkError::Serial`], [`LinkError::Open`], [`LinkError::Key`], [`LinkError::Record`].
     pub async fn open(connection: &Connection, config: Config) -> Result<Self, LinkError> {
         let line = Line::open(connection, config.patience.silence).await?;
+        if let Some(file) = &config.key {
+            // What cannot be kept must be known before anything is signed.
+            file.keep(file.time(SystemTime::now()), file.heard(), true)?;
+        }
         let recorder = config.record.as_deref().map(Recorder::create).transpose()?;
         let (requests, inbox) = mpsc::channel(REQUESTS);
         let (heard, listener) = broadcast::channel(BACKLOG);

@@ -66,7 +66,8 @@ struct LinkOptions {
     /// Sign with this key (see `adit board key`), and believe only what is signed with it
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
-    /// Record every frame, sent and heard, as .tlog, which Mission Planner and MAVProxy open
+    /// Record every frame, sent and heard, as .tlog, which Mission Planner and MAVProxy open; a file that is
+    /// there is not replaced
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Seconds without an answer before giving up

@@ -4,13 +4,14 @@ use std::fmt;
 use std::path::PathBuf;
 
 use adit_ground::link::{Board, LinkError, Parameter, Session, Shown};
+use adit_protocol::connection::Connection;
 use adit_protocol::mavlink::Value;
 use adit_protocol::parameters::ParameterTable;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use super::{Answer, Common, LinkArguments, bar, params_file, print, with_board};
+use super::{Answer, Common, LinkArguments, LinkOptions, bar, params_file, print, with_board};
 
 /// Read and change the board's parameters.
 ///
@@ -24,8 +25,11 @@ use super::{Answer, Common, LinkArguments, bar, params_file, print, with_board};
 pub(super) struct Arguments {
     #[command(subcommand)]
     action: Option<Action>,
+    /// Where the board is: serial:DEVICE:BAUD, udpin:, udpout:, tcpin: or tcpout:HOST:PORT
+    #[arg(value_name = "CONNECTION", required = true)]
+    connection: Option<Connection>,
     #[command(flatten)]
-    link: Option<LinkArguments>,
+    options: LinkOptions,
 }
 
 #[derive(Debug, Subcommand)]
@@ -109,14 +113,17 @@ fn assignment(text: &str) -> Result<(String, f64), String> {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
-    match (&arguments.action, &arguments.link) {
+    match (&arguments.action, arguments.connection.clone()) {
         (Some(Action::Get(arguments)), _) => get(&arguments.link, &arguments.names, common),
         (Some(Action::Set(arguments)), _) => params_file::set(&arguments.link, &arguments.assignments, common),
         (Some(Action::Save(arguments)), _) => params_file::save(&arguments.link, &arguments.file),
         (Some(Action::Load(arguments)), _) => {
             params_file::load(&arguments.link, &arguments.file, arguments.dry_run, common)
         }
-        (None, Some(link)) => get(link, &[], common),
+        (None, Some(connection)) => {
+            let link = LinkArguments { connection, options: arguments.options.clone() };
+            get(&link, &[], common)
+        }
         (None, None) => anyhow::bail!("expected CONNECTION, or one of get, set, save and load"),
     }
 }

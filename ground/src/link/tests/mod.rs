@@ -4,6 +4,8 @@ mod board;
 mod logs;
 mod parameters;
 mod peers;
+#[cfg(unix)]
+mod serial;
 mod session;
 mod signing;
 
