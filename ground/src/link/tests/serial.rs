@@ -9,10 +9,10 @@ use super::*;
 async fn bytes_go_both_ways_over_a_serial_line_and_a_pulled_plug_is_told() {
     let (mut other, port) = SerialStream::pair().unwrap();
     let connection = Connection::Serial { path: port.name().unwrap(), baud: 57_600 };
-    let taken = Line::open(&connection, PATIENCE.silence).await.unwrap_err();
-    assert!(matches!(taken, LinkError::Serial { .. }), "a port has one user");
     drop(port);
     let mut line = Line::open(&connection, PATIENCE.silence).await.unwrap();
+    let taken = Line::open(&connection, PATIENCE.silence).await.unwrap_err();
+    assert!(matches!(taken, LinkError::Serial { .. }), "a port has one user");
     assert!(matches!(line.next().await, Some(LineEvent::Up { peer }) if peer.ends_with("at 57600 baud")));
     other.write_all(&[0xFD, 0, 13, 10]).await.unwrap();
     let mut heard = Vec::new();
