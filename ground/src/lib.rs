@@ -1,6 +1,7 @@
-//! After the flight: photos and tags become camera poses, a panorama, a textured model and a report.
+//! The ground's side. Before and during a flight: the plan, the link to the board. After it: photos and tags become camera
+//! poses, a panorama, a textured model and a report.
 //!
-//! Stages, each with its own module, its own typed output on disk and its own part of the report:
+//! Stages after the flight, each with its own module, its own typed output on disk and its own part of the report:
 //! ingest -> prior -> matching -> adjust -> texture -> model -> report.
 #![forbid(unsafe_code)]
 
@@ -8,6 +9,7 @@ pub mod adjust;
 pub mod evaluate;
 mod files;
 pub mod ingest;
+pub mod link;
 pub mod matching;
 pub mod model;
 pub mod pipeline;

@@ -1,5 +1,6 @@
 //! The subcommands: arguments in, a call into the library, figures out.
 
+mod board;
 mod evaluate;
 mod ingest;
 mod plan;
@@ -24,7 +25,7 @@ pub(crate) enum Answer {
 /// Adit: from a flight through a tunnel to the place of every pixel.
 ///
 /// A survey's way: `adit plan` before the flight, `adit ingest` and `adit reconstruct` after it, `adit evaluate` where
-/// there is a truth to compare with.
+/// there is a truth to compare with. `adit board` talks to the board: its parameters, its logs, its key.
 #[derive(Debug, Parser)]
 #[command(name = "adit", version, after_help = AFTER_HELP, max_term_width = 100)]
 pub(crate) struct Cli {
@@ -57,6 +58,7 @@ enum Command {
     Ingest(ingest::Arguments),
     Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
+    Board(board::Arguments),
 }
 
 impl Cli {
@@ -66,6 +68,7 @@ impl Cli {
             Command::Ingest(arguments) => ingest::run(&arguments, &self.common),
             Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),
+            Command::Board(arguments) => board::run(&arguments, &self.common),
         }
     }
 }
@@ -103,10 +106,28 @@ mod tests {
         let mut command = Cli::command().term_width(100);
         command.build();
         insta::assert_snapshot!("help", command.render_long_help());
+        assert_help_of_subcommands("help", &mut command);
+    }
+
+    fn assert_help_of_subcommands(prefix: &str, command: &mut clap::Command) {
         for sub in command.get_subcommands_mut().filter(|sub| sub.get_name() != "help") {
-            let name = format!("help-{}", sub.get_name());
-            insta::assert_snapshot!(name, sub.render_long_help());
+            let name = format!("{prefix}-{}", sub.get_name());
+            insta::assert_snapshot!(name.clone(), sub.render_long_help());
+            assert_help_of_subcommands(&name, sub);
         }
+    }
+
+    #[test]
+    fn parameters_are_shown_with_and_without_a_word_for_it() {
+        let parses = |arguments: &[&str]| Cli::try_parse_from(arguments).is_ok();
+        assert!(parses(&["adit", "board", "params", "udpin:0.0.0.0:14550"]));
+        assert!(parses(&["adit", "board", "params", "udpin:0.0.0.0:14550", "--json", "--timeout", "3"]));
+        assert!(parses(&["adit", "board", "params", "get", "udpin:0.0.0.0:14550", "SPD_MARGIN", "--json"]));
+        assert!(parses(&["adit", "board", "params", "set", "udpin:0.0.0.0:14550", "SPD_MARGIN=-1"]));
+        assert!(!parses(&["adit", "board", "params"]));
+        assert!(!parses(&["adit", "board", "params", "set", "udpin:0.0.0.0:14550"]));
+        assert!(!parses(&["adit", "board", "params", "get"]));
+        assert!(!parses(&["adit", "board", "info", "carrier:pigeon"]));
     }
 
     #[test]
