@@ -114,10 +114,12 @@ impl Commands {
     pub(super) fn obey(&mut self, now_us: u64, mode: Mode, order: Order, captures: &mut Captures) -> Option<Command> {
         let Order { port, from: to, component, command: number, .. } = order;
         if is_question(number) {
-            let answer = answer(&order, captures);
-            let result = if answer.is_some() { CommandResult::Accepted } else { CommandResult::Unsupported };
+            let asked = asked(&order);
+            let known = asked == message::IMAGE_CAPTURED && captures.tell_again(order.parameters[1] as i32);
+            let reply = reply(asked, component);
+            let result = if known || reply.is_some() { CommandResult::Accepted } else { CommandResult::Unsupported };
             self.reply(port, Reply::Ack { component, number, result, to });
-            if let Some(Some(reply)) = answer {
+            if let Some(reply) = reply {
                 self.reply(port, reply);
             }
             return None;
@@ -165,26 +167,28 @@ fn judge(mode: Mode, order: &Order) -> (CommandResult, Option<Command>) {
     }
 }
 
-/// The answer to a question: `None` if nobody here knows it, `Some(None)` if it comes by another way.
-fn answer(order: &Order, captures: &mut Captures) -> Option<Option<Reply>> {
-    let [first, second, ..] = order.parameters;
-    let asked = match order.command {
+/// The message that a question asks for.
+fn asked(order: &Order) -> u32 {
+    match order.command {
         command::REQUEST_CAPABILITIES => message::VERSION,
         command::REQUEST_CAMERA_INFORMATION => message::CAMERA_INFORMATION,
         command::REQUEST_CAMERA_SETTINGS => message::CAMERA_SETTINGS,
         command::REQUEST_STORAGE_INFORMATION => message::STORAGE_INFORMATION,
         command::REQUEST_CAPTURE_STATUS => message::CAPTURE_STATUS,
-        _ => first as u32,
-    };
-    Some(Some(match asked {
-        message::VERSION => Reply::Version { component: order.component },
+        _ => order.parameters[0] as u32,
+    }
+}
+
+/// The answer, if it is one message.
+fn reply(asked: u32, component: u8) -> Option<Reply> {
+    Some(match asked {
+        message::VERSION => Reply::Version { component },
         message::CAMERA_INFORMATION => Reply::CameraInformation,
         message::CAMERA_SETTINGS => Reply::CameraSettings,
         message::STORAGE_INFORMATION => Reply::Storage,
         message::CAPTURE_STATUS => Reply::CaptureStatus,
-        message::IMAGE_CAPTURED => return captures.tell_again(second as i32).then_some(None),
         _ => return None,
-    }))
+    })
 }
 
 /// Two addresses that a sensor may have, or `None`.

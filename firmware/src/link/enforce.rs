@@ -17,9 +17,9 @@
 use adit_protocol::mavlink::CommandResult;
 use adit_protocol::telemetry::Enforcement;
 
-use super::Timed;
 use super::hold::{Borrowed, Hold, HoldAsk, Refusal};
 use super::modes::{LimitParameter, Row, Way};
+use super::{Keep, Timed};
 use crate::time::has_passed;
 
 /// From a change of limit or mode to the vehicle flying no faster, message losses and braking included.
@@ -150,7 +150,7 @@ impl Enforcer {
     }
 
     /// What must be kept over a loss of power before the autopilot's parameter is touched.
-    pub(super) fn take_keep(&mut self) -> Option<Option<Borrowed>> {
+    pub(super) fn take_keep(&mut self) -> Option<Keep> {
         self.hold.take_keep()
     }
 

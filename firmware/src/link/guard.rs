@@ -107,12 +107,16 @@ impl Guard {
         self.questions.take(now_us, QUESTIONS)
     }
 
-    /// Whether a request may have an effect.
-    pub(super) fn admits(&mut self, now_us: u64, port: Port, frame: &RawFrame) -> Result<(), Refused> {
-        if port == Port::Autopilot {
-            self.check(now_us, frame).map_err(Refused::Signature)?;
-        }
+    /// Whether a request of these credentials may have an effect now.
+    pub(super) fn admits(&mut self, now_us: u64, credentials: Result<(), SignatureError>) -> Result<(), Refused> {
+        credentials.map_err(Refused::Signature)?;
         if self.commands.take(now_us, COMMANDS) { Ok(()) } else { Err(Refused::Flood) }
+    }
+
+    /// Who sent a request: believed on the service port, by its signature on the autopilot's. To be asked once per frame, and of
+    /// questions too, for a signature tells the time.
+    pub(super) fn credentials(&mut self, now_us: u64, port: Port, frame: &RawFrame) -> Result<(), SignatureError> {
+        if port == Port::Service { Ok(()) } else { self.check(now_us, frame) }
     }
 
     /// Whether what a frame tells is believed.

@@ -14,6 +14,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Keep;
 use super::modes::{LimitParameter, Way};
 use crate::time::has_passed;
 
@@ -98,7 +99,7 @@ impl Hold {
     }
 
     /// What must be kept over a loss of power and is not yet.
-    pub(super) fn take_keep(&mut self) -> Option<Option<Borrowed>> {
+    pub(super) fn take_keep(&mut self) -> Option<Keep> {
         if self.kept {
             return None;
         }
@@ -107,7 +108,7 @@ impl Hold {
         {
             return None;
         }
-        Some(self.borrowed)
+        Some(Keep::Borrowed(self.borrowed))
     }
 
     /// It is kept, or cannot be.
@@ -351,7 +352,7 @@ mod tests {
             }
         }
         let kept = Borrowed { parameter: LimitParameter::LoiterMetres, value: 12.5 };
-        assert_eq!(hold.take_keep(), Some(Some(kept)));
+        assert_eq!(hold.take_keep(), Some(Keep::Borrowed(Some(kept))));
         hold.kept(false);
         assert_eq!(hold.refusal(), Some(Refusal::NotKept));
         assert_eq!(hold.next_ask(9_000_000), None);

@@ -32,8 +32,8 @@ mod vehicle;
 
 use adit_protocol::mavlink::{
     AUTOPILOT_COMPONENT, BOARD_COMPONENT, CAMERA_COMPONENT, CameraReport, Counters, Encoding, FrameDecoder, Incoming,
-    Key, OutFrame, RawFrame, Sender, Severity, Signer, Streams, TEXT_BYTES, Target, Value, VersionReport, command,
-    message,
+    Key, OutFrame, RawFrame, Sender, Severity, SignatureError, Signer, Streams, TEXT_BYTES, Target, Value,
+    VersionReport, command, message,
 };
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::{Entry, Mode};
@@ -299,10 +299,11 @@ impl Link {
             | Incoming::LogRequest { .. }
             | Incoming::LogEnd { .. }
             | Incoming::TimeSync { .. } => self.serve(now_us, port, frame, incoming),
-            _ if port == Port::Autopilot && self.vehicle.is_from_autopilot(frame) => {
-                if !self.signed_telemetry || self.guard.check(now_us, frame).is_ok() {
-                    self.follow(now_us, frame, &incoming);
-                }
+            _ if port == Port::Autopilot
+                && self.vehicle.is_from_autopilot(frame)
+                && (!self.signed_telemetry || self.guard.check(now_us, frame).is_ok()) =>
+            {
+                self.follow(now_us, frame, &incoming);
             }
             _ => {}
         }
@@ -349,33 +350,34 @@ impl Link {
         let everybody = |target: Target| target == [0, 0] || target == [self.board.system, 0];
         let from = [frame.system, frame.component];
         let scans = self.is_scanning();
+        let credentials = self.guard.credentials(now_us, port, frame);
         match incoming {
             Incoming::TimeSync { answered_ns: 0, asked_ns } if self.guard.has_room(now_us) => {
                 self.commands.reply(port, Reply::TimeSync { asked_ns });
             }
-            Incoming::ParameterList { target } if self.is_for_us(target) || everybody(target) => {
-                if self.guard.has_room(now_us) {
-                    self.parameters.list(port);
-                }
+            Incoming::ParameterList { target }
+                if (self.is_for_us(target) || everybody(target)) && self.guard.has_room(now_us) =>
+            {
+                self.parameters.list(port);
             }
-            Incoming::ParameterRead { target, index, name } if self.is_for_us(target) => {
-                if self.guard.has_room(now_us) {
-                    self.parameters.read(port, index, name.as_ref());
-                }
+            Incoming::ParameterRead { target, index, name }
+                if self.is_for_us(target) && self.guard.has_room(now_us) =>
+            {
+                self.parameters.read(port, index, name.as_ref());
             }
-            Incoming::ParameterSet { target, name, value } if self.is_for_us(target) => {
-                if self.admits(now_us, port, frame) {
-                    let change = self.parameters.set(port, name.as_ref(), value, self.encoding(), !scans);
-                    self.say_change(change, name.as_deref().unwrap_or("?"), scans);
-                }
+            Incoming::ParameterSet { target, name, value }
+                if self.is_for_us(target) && self.admits(now_us, frame, credentials) =>
+            {
+                let change = self.parameters.set(port, name.as_ref(), value, self.encoding(), !scans);
+                self.say_change(change, name.as_deref().unwrap_or("?"), scans);
             }
             Incoming::LogList { target, .. } if self.is_for_us(target) && !scans && self.guard.has_room(now_us) => {
                 self.logs.list(port);
             }
-            Incoming::LogRequest { target, id, offset, count } if self.is_for_us(target) && !scans => {
-                if self.guard.has_room(now_us) {
-                    self.logs.read(port, id, offset, count);
-                }
+            Incoming::LogRequest { target, id, offset, count }
+                if self.is_for_us(target) && !scans && self.guard.has_room(now_us) =>
+            {
+                self.logs.read(port, id, offset, count);
             }
             Incoming::LogEnd { target } if self.is_for_us(target) => self.logs.end(),
             Incoming::SetupSigning { target, key, time } if self.is_for_us(target) => {
@@ -385,7 +387,8 @@ impl Link {
                 if self.is_for_us(target) =>
             {
                 let is_question = commands::is_question(number);
-                if is_question && self.guard.has_room(now_us) || !is_question && self.admits(now_us, port, frame) {
+                if is_question && self.guard.has_room(now_us) || !is_question && self.admits(now_us, frame, credentials)
+                {
                     let order = commands::Order { port, from, component, command: number, confirmation, parameters };
                     if self.commands.obey(now_us, self.mode, order, &mut self.captures) == Some(Command::Arm) {
                         self.vehicle.latch_axis(now_us);
@@ -401,17 +404,17 @@ impl Link {
     }
 
     /// Whether a request may have an effect; who may not is named to the pilot, now and then.
-    fn admits(&mut self, now_us: u64, port: Port, frame: &RawFrame) -> bool {
-        match self.guard.admits(now_us, port, frame) {
+    fn admits(&mut self, now_us: u64, frame: &RawFrame, credentials: Result<(), SignatureError>) -> bool {
+        match self.guard.admits(now_us, credentials) {
             Ok(()) => true,
             Err(Refused::Signature(error)) => {
                 if is_due(&mut self.refused_us, now_us, SAY_REFUSED_S) {
                     let (system, component) = (frame.system, frame.component);
                     let why = match error {
-                        adit_protocol::mavlink::SignatureError::Unsigned => "unsigned",
-                        adit_protocol::mavlink::SignatureError::Wrong => "wrong key",
-                        adit_protocol::mavlink::SignatureError::Replayed => "sent before",
-                        adit_protocol::mavlink::SignatureError::Late => "too old",
+                        SignatureError::Unsigned => "unsigned",
+                        SignatureError::Wrong => "wrong key",
+                        SignatureError::Replayed => "sent before",
+                        SignatureError::Late => "too old",
                     };
                     self.report
                         .say_words(Severity::Warning, format_args!("refused request of {system}/{component}: {why}"));
@@ -449,8 +452,8 @@ impl Link {
         if self.keeping.is_some() {
             return None;
         }
-        let (keeping, keep) = if let Some(borrowed) = self.enforcer.take_keep() {
-            (Keeping::Borrowed, Keep::Borrowed(borrowed))
+        let (keeping, keep) = if let Some(keep) = self.enforcer.take_keep() {
+            (Keeping::Borrowed, keep)
         } else if core::mem::take(&mut self.key_changed) {
             (Keeping::Other, Keep::Key(self.guard.key()))
         } else if let Some(parameters) = self.parameters.take_keep() {

@@ -112,13 +112,12 @@ impl ParameterServer {
     /// The next answer.
     pub(super) fn next_frame(&mut self, sender: &mut Sender, encoding: Encoding) -> Option<OutFrame> {
         let rows = ParameterTable::rows();
-        let index = match self.answers.pop_front() {
-            Some((_, index)) => index,
-            None => {
-                let (port, index) = self.list?;
-                self.list = (index + 1 < rows.len()).then_some((port, index + 1));
-                index
-            }
+        let index = if let Some((_, index)) = self.answers.pop_front() {
+            index
+        } else {
+            let (port, index) = self.list?;
+            self.list = (index + 1 < rows.len()).then_some((port, index + 1));
+            index
         };
         let (row, value) = (rows.get(index)?, self.table.get(index)?);
         Some(sender.parameter_value(row.name, value.write(encoding), [index as u16, rows.len() as u16]))

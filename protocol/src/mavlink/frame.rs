@@ -12,7 +12,7 @@ pub const MAX_FRAME_BYTES: usize = 280;
 
 /// Not in the crate's dialect: `development.xml` of MAVLink, work in progress.
 pub(super) const SET_VELOCITY_LIMITS: u32 = 354;
-/// By the rule of mavlink.io, "CRC_EXTRA Calculation", over `development.xml`.
+/// By the rule of mavlink.io, "`CRC_EXTRA` Calculation", over `development.xml`.
 const SET_VELOCITY_LIMITS_EXTRA: u8 = 210;
 
 const MAGIC_1: u8 = 0xFE;

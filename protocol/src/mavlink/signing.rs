@@ -158,7 +158,7 @@ impl Streams {
             Some(stream) => stream.time = seal.time,
             None if seal.time.saturating_add(LAG_UNITS) < self.newest => return Err(SignatureError::Late),
             None => {
-                self.add(Stream { system: frame.system, component: frame.component, link: seal.link, time: seal.time })
+                self.add(Stream { system: frame.system, component: frame.component, link: seal.link, time: seal.time });
             }
         }
         self.newest = self.newest.max(seal.time);
