@@ -17,6 +17,7 @@ use rigless::image::Image;
 
 use crate::equipment::Equipment;
 use crate::faults::{BoardFault, BoardFaultKind, BoardFaults};
+use crate::flood::Flood;
 use crate::hub::Hub;
 use crate::machine::{
     APPLICATION_START, BOOTLOADER, BlockImage, CardDefects, Chips, FLASH_START, FRAM_BYTES, LINES, Pins, Sabotage,
@@ -60,6 +61,8 @@ pub struct Setup {
     pub card: BlockImage,
     /// What goes wrong with the board.
     pub faults: Vec<BoardFault>,
+    /// The secret with which the pilot signs his commands, if he does.
+    pub key: Option<[u8; 32]>,
     /// Seed of what is random in it.
     pub seed: u64,
 }
@@ -70,7 +73,7 @@ impl Setup {
     /// # Errors
     /// [`VolumeError`] if the card cannot be formatted.
     pub fn new(seed: u64) -> Result<Self, VolumeError> {
-        Ok(Self { fram: Vec::new(), card: BlockImage::formatted(CARD_BLOCKS)?, faults: Vec::new(), seed })
+        Ok(Self { fram: Vec::new(), card: BlockImage::formatted(CARD_BLOCKS)?, faults: Vec::new(), key: None, seed })
     }
 }
 
@@ -95,6 +98,7 @@ pub struct EmulatedBoard {
     random: Random,
     equipment: Equipment,
     link: VehicleLink,
+    flood: Flood,
     hub: Option<Hub>,
     said: [Vec<u8>; LINES],
     sent: [Vec<u8>; LINES],
@@ -139,7 +143,8 @@ impl EmulatedBoard {
             faults: BoardFaults::new(&setup.faults),
             random: Random::numbered(setup.seed, Stream::Faults, GARBAGE_DRAWS),
             equipment: Equipment::new(parameters.ranges.family),
-            link: VehicleLink::new(parameters.link.axis_yaw_rad.unwrap_or(0.0)),
+            link: VehicleLink::new(parameters.link.axis_yaw_rad.unwrap_or(0.0), setup.key),
+            flood: Flood::new(),
             hub: (parameters.ranges.bus == RangeBus::Hub).then(|| Hub::new(&parameters.ranges)),
             said: Default::default(),
             sent: Default::default(),
@@ -221,6 +226,11 @@ impl EmulatedBoard {
                 if self.faults.holds(BoardFaultKind::TelemetryGarbage, self.now_ns) {
                     let bytes = (next_ns - self.now_ns) * self.baud / BITS_PER_BYTE / 1_000_000_000;
                     step.said[TELEM1] = (0..bytes).map(|_| self.random.index(256) as u8).collect();
+                }
+                if self.faults.holds(BoardFaultKind::TelemetryFlood, self.now_ns) {
+                    let room = (next_ns - self.now_ns) * self.baud / BITS_PER_BYTE / 1_000_000_000;
+                    let room = (room as usize).saturating_sub(step.said[TELEM1].len());
+                    step.said[TELEM1].extend(self.flood.say(room, self.link.commanded()));
                 }
                 if let Some(hub) = &mut self.hub {
                     step.said[HUB].extend(hub.say(self.now_ns / 1000, &step.sensed));

@@ -18,6 +18,8 @@ pub enum BoardFaultKind {
     FramCorrupt,
     /// The telemetry line carries random bytes at its full rate, and nothing else.
     TelemetryGarbage,
+    /// A hostile peer fills the telemetry line beside what the vehicle says.
+    TelemetryFlood,
     /// USART2 never finishes sending: whoever waits for it waits for ever.
     TelemetryStuck,
     /// The core stands still until the watchdog restarts it.

@@ -1,7 +1,9 @@
 //! Puts parameters into a FRAM and reads them out of it, with the firmware's own store, as a bench would over the link.
 
 use adit_firmware::drivers::memory::Memory;
-use adit_firmware::store::{ParameterStore, StoreError};
+use adit_firmware::link::Keep;
+use adit_firmware::store::{LinkStore, ParameterStore, StoreError};
+use adit_protocol::mavlink::Key;
 use adit_protocol::parameters::Parameters;
 
 use crate::machine::FRAM_BYTES;
@@ -37,6 +39,16 @@ impl Memory for BenchFram {
 pub fn provisioned_fram(parameters: &Parameters) -> Result<Vec<u8>, StoreError<BeyondFram>> {
     let mut fram = BenchFram(vec![0; FRAM_BYTES]);
     ParameterStore::save(&mut fram, parameters)?;
+    Ok(fram.0)
+}
+
+/// As [`provisioned_fram`], with a key installed.
+///
+/// # Errors
+/// As [`provisioned_fram`].
+pub fn keyed_fram(parameters: &Parameters, key: Key) -> Result<Vec<u8>, StoreError<BeyondFram>> {
+    let mut fram = BenchFram(provisioned_fram(parameters)?);
+    LinkStore::save(&mut fram, &Keep::Key(Some(key)))?;
     Ok(fram.0)
 }
 

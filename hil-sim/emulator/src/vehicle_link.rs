@@ -5,6 +5,7 @@
 use adit_firmware::io::{Command, Inputs};
 use adit_protocol::record::Mode;
 use crc::{CRC_16_MCRF4XX, Crc};
+use sha2::{Digest, Sha256};
 
 /// `MAV_CMD_COMPONENT_ARM_DISARM`.
 const ARM_DISARM: u16 = 400;
@@ -55,13 +56,17 @@ pub(crate) struct VehicleLink {
     heartbeat_due_us: u64,
     owes_answer: bool,
     owes_version: bool,
+    /// Signs the pilot's commands, if he has a key.
+    key: Option<[u8; 32]>,
+    commanded: Vec<u8>,
     codec: Codec,
     pub(crate) heard: Heard,
 }
 
 impl VehicleLink {
     /// The link of a vehicle in a tunnel whose axis the autopilot sees at this yaw.
-    pub(crate) fn new(axis_yaw_rad: f32) -> Self {
+    /// With a key the pilot's commands are signed.
+    pub(crate) fn new(axis_yaw_rad: f32, key: Option<[u8; 32]>) -> Self {
         let codec = Codec::default();
         Self {
             axis_yaw_rad,
@@ -69,6 +74,8 @@ impl VehicleLink {
             heartbeat_due_us: 0,
             owes_answer: false,
             owes_version: false,
+            key,
+            commanded: Vec::new(),
             codec,
             heard: Heard::default(),
         }
@@ -106,9 +113,19 @@ impl VehicleLink {
             let mut payload = floats(&[first, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
             payload.extend(id.to_le_bytes());
             payload.extend([BOARD.0, BOARD.1, 0]);
-            bytes.extend(self.codec.frame(Message::COMMAND_LONG, &payload));
+            let frame = self.codec.frame(Message::COMMAND_LONG, &payload);
+            self.commanded = match &self.key {
+                Some(key) => signed(frame, key, SIGNING_START + now_us / 10),
+                None => frame,
+            };
+            bytes.extend(&self.commanded);
         }
         bytes
+    }
+
+    /// The last command, as it went over the line.
+    pub(crate) fn commanded(&self) -> &[u8] {
+        &self.commanded
     }
 
     fn state(&mut self, now_us: u64, inputs: &Inputs) -> Vec<u8> {
@@ -202,6 +219,8 @@ impl Message {
 const START_OF_FRAME: u8 = 0xFD;
 const HEADER_BYTES: usize = 10;
 const SIGNATURE_BYTES: usize = 13;
+/// A day in 2026, in units of 10 us since 2015.
+const SIGNING_START: u64 = 37_000_000_000_000;
 const X25: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
 
 fn checksum(frame: &[u8], seed: u8) -> [u8; 2] {
@@ -209,6 +228,21 @@ fn checksum(frame: &[u8], seed: u8) -> [u8; 2] {
     digest.update(&frame[1..]);
     digest.update(&[seed]);
     digest.finalize().to_le_bytes()
+}
+
+/// A frame with a signature: link, time, and the first bytes of SHA-256 over key, frame, link and time.
+fn signed(mut frame: Vec<u8>, key: &[u8; 32], time: u64) -> Vec<u8> {
+    let id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
+    let seed = Message::ALL.into_iter().find(|message| message.id == id).map_or(0, |message| message.seed);
+    frame[2] |= 1;
+    frame.truncate(frame.len() - 2);
+    let sum = checksum(&frame, seed);
+    frame.extend(sum);
+    frame.push(0);
+    frame.extend(&time.to_le_bytes()[..6]);
+    let hash = Sha256::new().chain_update(key).chain_update(&frame).finalize();
+    frame.extend(&hash[..6]);
+    frame
 }
 
 /// Frames out of messages and messages out of bytes.
@@ -286,7 +320,7 @@ mod tests {
 
     #[test]
     fn what_the_vehicle_says_follows_its_inputs() {
-        let mut link = VehicleLink::new(0.0);
+        let mut link = VehicleLink::new(0.0, None);
         let inputs = Inputs {
             attitude_rad: Some([0.1, -0.2, 0.3]),
             odometer_m: Some(2.0),
@@ -307,7 +341,7 @@ mod tests {
 
     #[test]
     fn mode_limit_and_estimate_are_heard_through_noise() {
-        let mut link = VehicleLink::new(0.0);
+        let mut link = VehicleLink::new(0.0, None);
         let mut bytes = vec![0xFD, 0x02, 0x00, 0x55];
         bytes.extend(from_board(Message::HEARTBEAT, &[4, 0, 0, 0, 18, 8, 0, 4, 3]));
         let mut limit = floats(&[0.0, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0]);

@@ -2,14 +2,16 @@
 
 use std::path::Path;
 
-use adit_emulator::{BoardFault, BoardFaultKind, EmulatedBoard, Pins, Report, Setup, log_of, provisioned_fram};
+use adit_emulator::{
+    BoardFault, BoardFaultKind, EmulatedBoard, Pins, Report, Setup, keyed_fram, log_of, provisioned_fram,
+};
 use adit_firmware::io::{Inputs, Outputs};
 use adit_hil_sim::command::MissionFile;
 use adit_hil_sim::faults::{Fault, FaultKind};
 use adit_hil_sim::flight::{Board, BoardError, Flight, fly_board};
 use adit_hil_sim::plant::vehicle::VehicleState;
 use adit_protocol::log::FlightLog;
-use adit_protocol::mavlink::FrameDecoder;
+use adit_protocol::mavlink::{FrameDecoder, Key};
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::{Event, EventKind};
 
@@ -22,6 +24,8 @@ pub(crate) struct Case {
     pub(crate) world: Vec<Fault>,
     pub(crate) board: Vec<BoardFault>,
     pub(crate) most_s: f64,
+    /// The pilot's key; the board has it too.
+    pub(crate) key: Option<[u8; 32]>,
     /// The board's inertial unit feels a vehicle on the ground until then; the simulated one hovers from the start.
     pub(crate) on_ground_until_s: f64,
 }
@@ -99,8 +103,12 @@ pub(crate) fn fly_with(case: &Case, parameters: &Parameters) -> Flown {
     let mut file = mission();
     file.simulation.faults.clone_from(&case.world);
     file.simulation.pilot.most_s = case.most_s;
-    let fram = provisioned_fram(parameters).expect("parameters fit");
-    let setup = Setup { fram, faults: case.board.clone(), ..Setup::new(SEED).expect("a card") };
+    let fram = match case.key {
+        Some(key) => keyed_fram(parameters, Key(key)),
+        None => provisioned_fram(parameters),
+    };
+    let fram = fram.expect("parameters fit");
+    let setup = Setup { fram, faults: case.board.clone(), key: case.key, ..Setup::new(SEED).expect("a card") };
     let board = EmulatedBoard::new(&image(), parameters, setup).expect("a board");
     let mut watched = Watched { board, pins: Vec::new(), on_ground_until_s: case.on_ground_until_s };
     let flight = fly_board(&mut watched, &file.mission, &file.simulation, SEED).expect("a flight");

@@ -12,6 +12,7 @@
 //! | card pulled and put back | Degraded and told; a second file; no tag lost |
 //! | FRAM corrupt | defaults, and the pilot is told |
 //! | garbage on the link at full rate | no capture lost, no restart |
+//! | a hostile peer at the link's full rate: unsigned, forged and replayed orders, questions | no capture lost, nothing changed, the owner obeyed |
 //! | a task hangs, the core hangs, a fault of the core | servo and shutter let go, restart in time, cause and words in the next log |
 //! | power cut | parameters always whole, the log loses the last record at most (`power.rs`) |
 

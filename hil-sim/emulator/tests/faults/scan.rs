@@ -188,6 +188,29 @@ fn garbage_on_the_link_at_its_full_rate_costs_no_capture() {
 }
 
 #[test]
+fn a_hostile_peer_at_the_links_full_rate_costs_no_capture_and_changes_nothing() {
+    let flood = vec![board(BoardFaultKind::TelemetryFlood, 2.0, 60.0)];
+    let case = Case { board: flood, key: Some([0x5A; 32]), most_s: 60.0, ..Case::default() };
+    let flown = fly(&case);
+    // Arm, start and stop came through the flood, signed; nobody else's orders did.
+    assert_eq!(flown.flight.outcome, Outcome::Completed);
+    assert_eq!(flown.report.restarts, []);
+    flown.expect_captures(24);
+    assert_eq!(flown.flight.presses_s.len(), flown.captures().len());
+    assert!(!flown.events().any(|event| event.kind == EventKind::AutopilotLost), "the vehicle is heard through it");
+    let kept = adit_emulator::parameters_in(&flown.report.fram).expect("a FRAM").expect("parameters");
+    assert_eq!(kept.speed.margin, parameters().speed.margin);
+    flown.expect_text("refused request of 254/190: ");
+}
+
+#[test]
+fn without_a_key_a_hostile_peer_needs_none_which_is_why_there_are_keys() {
+    let flood = vec![board(BoardFaultKind::TelemetryFlood, 5.0, 6.0)];
+    let flown = fly(&Case { board: flood, most_s: 8.0, ..Case::default() });
+    flown.expect(EventKind::Mode { from: Mode::Scanning, to: Mode::Idle }, 4.0, 5.5);
+}
+
+#[test]
 fn range_sensors_on_a_hub_fly_the_scan_too() {
     let mut parameters = parameters();
     parameters.ranges.bus = RangeBus::Hub;
