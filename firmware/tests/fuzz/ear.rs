@@ -51,6 +51,11 @@ impl Ear {
         self.decoder.counters()
     }
 
+    /// Is there the beginning of a frame?
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.decoder.pending_bytes() > 0
+    }
+
     /// The frames that these bytes complete. No byte is lost: each is in a frame, dropped, or pending.
     pub(crate) fn hear(&mut self, now_us: u64, bytes: &[u8]) -> Result<Vec<RawFrame>, Broken> {
         let mut frames = Vec::new();

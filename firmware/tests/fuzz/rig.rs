@@ -250,11 +250,16 @@ impl Rig {
     /// When everything is kept, what the board tells is what it keeps.
     fn settle(mut self) -> Result<(), Broken> {
         for _ in 0..8 {
+            self.now_us += 2_000_000;
+            for port in 0..2 {
+                while self.ears[usize::from(port)].is_waiting() {
+                    self.receive(port, &[])?;
+                }
+            }
             if self.keeping.is_some() {
                 self.answer_keep(true);
             }
             self.take_effects()?;
-            self.now_us += 2_000_000;
         }
         if !self.changed {
             return Ok(());
@@ -263,8 +268,7 @@ impl Rig {
         let encodings = [adit_protocol::mavlink::Encoding::Cast, adit_protocol::mavlink::Encoding::Bytewise];
         let mut sender = adit_protocol::mavlink::Sender::new(255, 190);
         for system in self.outgoing.systems() {
-            self.link.receive(self.now_us, Port::Service, &[]);
-            self.link.receive(self.now_us, Port::Service, &sender.parameter_list([system, 191]));
+            self.receive(1, &sender.parameter_list([system, 191]))?;
         }
         for _ in 0..20 {
             self.now_us += 50_000;
