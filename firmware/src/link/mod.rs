@@ -487,7 +487,9 @@ impl Link {
             self.heartbeat_us = None;
         }
         (self.stepped_us, self.mode) = (Some(now_us), outputs.mode);
-        self.offset_m = outputs.centring.map(|centring| centring.offset_m).unwrap_or_default();
+        let offset_m = outputs.centring.map(|centring| centring.offset_m);
+        // What is no place leads nowhere.
+        self.offset_m = offset_m.filter(|offset_m| offset_m.iter().all(ComplexField::is_finite)).unwrap_or_default();
         self.captures.note_commanded(outputs.display.captures);
         let vehicle = self.vehicle.view(now_us);
         let version = self.vehicle.version;

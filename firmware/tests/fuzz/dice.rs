@@ -62,7 +62,7 @@ impl Dice {
 
     /// A number between `least` and `most`, seldom a strange one.
     pub(crate) fn real(&mut self, least: f32, most: f32) -> f32 {
-        match self.below(24) {
+        match self.below(16) {
             0 => self.pick(&ODD),
             1 => f32::from_bits(self.0.next_u32()),
             2 => self.pick(&[least, most, 0.0, 1.0]),

@@ -92,8 +92,11 @@ fn something(dice: &mut Dice) -> Operation {
     match dice.below(20) {
         0..5 => Operation::Wait { us: wait_us(dice) },
         5..9 => {
-            let limit = dice.percent(85).then(|| dice.real(0.0, 1.2).to_bits());
-            let offset = dice.percent(50).then(|| dice.real(-0.6, 0.6).to_bits());
+            let real = |dice: &mut Dice, least, most| {
+                (if dice.percent(5) { f32::NAN } else { dice.real(least, most) }).to_bits()
+            };
+            let limit = dice.percent(85).then(|| real(dice, 0.0, 1.2));
+            let offset = dice.percent(50).then(|| real(dice, -0.6, 0.6));
             let mode = dice.pick(&[1, 3, 4, 4, 4, 5, 6, 0, 2]);
             Operation::Note { mode, limit, offset, captures: dice.below(3) as u32 }
         }

@@ -90,7 +90,7 @@ pub(crate) fn of_ground(dice: &mut Dice) -> Message {
         12 => sender.log_end(to),
         13 => {
             let key = if dice.percent(30) { [0; 32] } else { [dice.byte(); 32] };
-            let time = dice.word() >> dice.pick(&[0, 16, 18, 40]);
+            let time = if dice.percent(20) { u64::MAX } else { dice.word() >> dice.pick(&[0, 16, 18, 40]) };
             sender.setup_signing(to, &Key(key), time)
         }
         14 => sender.time_sync(i64::from(dice.below(2) as u8), dice.word().cast_signed()),
