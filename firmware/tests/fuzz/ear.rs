@@ -3,6 +3,7 @@
 use adit_firmware::link::Port;
 use adit_protocol::mavlink::{Counters, FrameDecoder, MAX_FRAME_BYTES, RawFrame};
 
+use crate::census::count;
 use crate::rig::Broken;
 use crate::wire::signed_at;
 
@@ -95,6 +96,7 @@ impl Ear {
         self.trusted |= self.count > 0;
         // Of several it is not known which it was.
         if has_effect && self.count == 1 && self.fresh.len() == 1 {
+            count("did: command that was signed");
             self.spent.append(&mut self.fresh);
         }
         self.fresh.clear();

@@ -7,6 +7,7 @@ use adit_protocol::mavlink::{Incoming, RawFrame, RawValue};
 use adit_protocol::record::Mode;
 use adit_protocol::telemetry::Tunnelled;
 
+use crate::census::count;
 use crate::rig::{Broken, one_frame};
 use crate::wire::signed_at;
 
@@ -105,9 +106,11 @@ impl Outgoing {
         }
         match Incoming::read(&frame) {
             Some(Incoming::Tunnel { kind, payload, .. }) => {
+                count("sent: tunnel");
                 rule(Tunnelled::read(kind, &payload).is_some(), || format!("tunnel {kind}: {payload:02x?}"))
             }
             Some(Incoming::ParameterValue { value, index, .. }) => {
+                count("answered: parameter");
                 if let Some(told) = &mut self.told {
                     told.insert(index, value);
                 }
@@ -129,7 +132,9 @@ impl Outgoing {
         };
         let unit_mps = if borrowed.parameter == LimitParameter::LoiterCentimetres { 0.01 } else { 1.0 };
         let most = self.highest_mps.max(PARAMETER_FLOOR_MPS) * SLACK / unit_mps;
-        let sound = value > 0.0 && value <= borrowed.value && (value <= most || value == borrowed.value);
+        let is_old = value == borrowed.value;
+        count(if is_old { "asked: parameter given back" } else { "asked: parameter lowered" });
+        let sound = value > 0.0 && value <= borrowed.value && (value <= most || is_old);
         rule(sound, words)
     }
 
@@ -141,11 +146,28 @@ impl Outgoing {
         };
         match frame.message {
             // COMMAND_LONG, of which DO_CHANGE_SPEED is one.
-            76 if frame.u16(28) == 178 => rule(within(frame.f32(4), COMMAND_FLOOR_MPS), || words(&[frame.f32(4)])),
+            76 if frame.u16(28) == 178 => {
+                count("asked: speed");
+                rule(within(frame.f32(4), COMMAND_FLOOR_MPS), || words(&[frame.f32(4)]))
+            }
             // SET_VELOCITY_LIMITS.
-            354 => rule(within(frame.f32(0), PARAMETER_FLOOR_MPS), || words(&[frame.f32(0)])),
+            354 => {
+                count("asked: velocity limits");
+                rule(within(frame.f32(0), PARAMETER_FLOOR_MPS), || words(&[frame.f32(0)]))
+            }
+            // COMMAND_ACK.
+            77 => {
+                count("answered: command");
+                Ok(())
+            }
+            // LOG_DATA.
+            120 => {
+                count("sent: log data");
+                Ok(())
+            }
             // SET_POSITION_TARGET_LOCAL_NED: its velocity.
             84 => {
+                count("asked: lead");
                 let velocity_mps @ [north, east, down] = [frame.f32(16), frame.f32(20), frame.f32(24)];
                 let scans = matches!(self.mode, Mode::Scanning | Mode::Degraded);
                 let most_mps = self.limit_mps.unwrap_or(f32::NAN).min(0.4).hypot(CENTRE_MPS) * SLACK;

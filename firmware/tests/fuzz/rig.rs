@@ -9,9 +9,10 @@ use adit_protocol::mavlink::{FrameDecoder, Incoming, Key, Streams, Value};
 use adit_protocol::parameters::{CaptureWiring, ParameterTable, Parameters};
 use adit_protocol::record::{Entry, Event, EventKind, MissReason, Mode, TagUpdate};
 use adit_protocol::tag::{CaptureState, CaptureTag, Ranges, TagFlags};
-use adit_protocol::telemetry::Tunnelled;
+use adit_protocol::telemetry::{Enforcement, Tunnelled};
 
 use crate::allocations::counted;
+use crate::census::count;
 use crate::ear::Ear;
 use crate::operation::{Case, Operation, Setup};
 use crate::outgoing::Outgoing;
@@ -145,6 +146,13 @@ impl Rig {
         self.outgoing.note(mode, real(limit));
         let diagnosis = Diagnosis { step_us: captures, stack_bytes: captures };
         self.link.note(self.now_us, &outputs, [real(limit), real(offset), None, Some(1.5)], diagnosis);
+        count(match self.link.enforcement() {
+            Enforcement::Idle => "enforcement: Idle",
+            Enforcement::Requested => "enforcement: Requested",
+            Enforcement::Enforced => "enforcement: Enforced",
+            Enforcement::Ineffective => "enforcement: Ineffective",
+            Enforcement::NotPossible => "enforcement: NotPossible",
+        });
     }
 
     /// Everything that is due now.
@@ -165,7 +173,13 @@ impl Rig {
         let command = self.link.take_command();
         let readdressing = self.link.take_readdressing();
         let restart = self.link.take_restart();
-        let has_effect = command.is_some() || readdressing.is_some() || restart;
+        let effects = [command.is_some(), readdressing.is_some(), restart];
+        for (place, _) in
+            ["did: command", "did: readdressing", "did: restart"].iter().zip(effects).filter(|(_, did)| *did)
+        {
+            count(place);
+        }
+        let has_effect = effects.contains(&true);
         let [autopilot, service] = &mut self.ears;
         let may = autopilot.may_command() || service.may_command();
         rule(may || !has_effect, || {
@@ -176,6 +190,13 @@ impl Rig {
             && let Some(keep) = self.link.take_keep(self.now_us)
         {
             self.check_keep(&keep, trusted)?;
+            count(match keep {
+                Keep::Borrowed(Some(_)) => "kept: borrowed",
+                Keep::Borrowed(None) => "kept: returned",
+                Keep::Key(_) => "kept: key",
+                Keep::Streams(_) => "kept: streams",
+                Keep::Parameters(_) => "kept: parameters",
+            });
             self.keeping = Some(keep);
         }
         if let Some(wish) = self.link.take_log_wish() {
@@ -286,6 +307,7 @@ impl Rig {
             let expected = kept.get(index);
             // As numbers: minus zero is kept as zero.
             let same = encodings.iter().any(|encoding| Value::read(value, *encoding) == expected);
+            count("settled: told what is kept");
             rule(same, || format!("{} is told as {value:?} and kept as {expected:?}", row.name))?;
         }
         Ok(())

@@ -101,6 +101,19 @@ impl Scene {
         self
     }
 
+    /// A flight along the axis at this speed, which is heard ten times a second.
+    fn fly(mut self, ticks: u32, speed_mps: f32, limit_mps: f32) -> Self {
+        for tick in 0..ticks {
+            if tick % 10 == 0 {
+                self = self.beat(ARDUPILOT, 3);
+            }
+            let velocity_mps = [speed_mps * 0.5_f32.cos(), speed_mps * 0.5_f32.sin(), 0.0];
+            self = self.autopilot(|sender| sender.local_position(tick * 100, [0.0; 3], velocity_mps));
+            self = self.note(SCANNING, Some(limit_mps)).drain().wait(100);
+        }
+        self
+    }
+
     fn tell(self, name: &str, value: f32) -> Self {
         let raw = Value::Real(value).write(Encoding::Cast);
         self.autopilot(|sender| sender.parameter_value(name, raw, [7, 900]))
@@ -136,6 +149,9 @@ fn vehicle(setup: u8) -> Vec<(&'static str, Scene)> {
                 .scan([ARDUPILOT, 4], 3, 0.5, None)
                 .autopilot(|sender| sender.command_ack(command::CHANGE_SPEED, CommandResult::Denied, BOARD)),
         ),
+        // The axis lies at a yaw of half a radian.
+        ("enforced", Scene::new(setup | Setup::AXIS).fly(20, 0.5, 0.5)),
+        ("too-fast", Scene::new(setup | Setup::AXIS).fly(36, 0.9, 0.5)),
         ("guided", Scene::new(leads).scan([ARDUPILOT, 3], 4, 0.3, None)),
         (
             "loiter",
