@@ -172,7 +172,7 @@ impl Peers {
         let mut address = if from_autopilot { [SYSTEM, 1] } else { dice.pick(&[[255, 190], [254, 190]]) };
         let seal = self.seal(dice);
         // Frames with the right signature come from three, so that none is forgotten for the number of others.
-        if !seal.is_some_and(|seal| seal.key == KEY) && dice.percent(8) {
+        if seal.is_none_or(|seal| seal.key != KEY) && dice.percent(8) {
             let stranger = [dice.byte(), dice.byte()];
             address = dice.pick(&[[1, 1], [4, 1], [SYSTEM, 191], stranger]);
         }

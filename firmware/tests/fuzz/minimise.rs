@@ -44,7 +44,7 @@ pub(crate) fn minimised(case: &Case) -> (Case, Broken) {
 /// What to do about a failing case, in words.
 pub(crate) fn report(case: &Case, seed: u64) -> String {
     let (least, broken) = minimised(case);
-    let hex: String = least.write().iter().map(|byte| format!("{byte:02x}")).collect();
+    let hex = least.write().iter().fold(String::new(), |hex, byte| format!("{hex}{byte:02x}"));
     let operations: Vec<String> = least.operations.iter().map(|one: &Operation| format!("  {one:02x?}")).collect();
     format!(
         "{broken}\nseed {seed}, {:?}\n{}\nreproduce: echo {hex} | xxd -r -p > firmware/tests/fuzz/corpus/NAME.bin && \

@@ -116,6 +116,9 @@ fn write(operation: &Operation, out: &mut Vec<u8>) {
     }
 }
 
+/// A number that may be missing.
+struct Bits(Option<u32>);
+
 struct Reader<'a>(&'a [u8]);
 
 impl Reader<'_> {
@@ -141,9 +144,10 @@ impl Reader<'_> {
         self.array().map(u32::from_le_bytes)
     }
 
-    fn optional(&mut self) -> Option<Option<u32>> {
+    /// `None` where the case ends.
+    fn optional(&mut self) -> Option<Bits> {
         let is_there = self.u8()? != 0;
-        self.u32().map(|bits| is_there.then_some(bits))
+        self.u32().map(|bits| Bits(is_there.then_some(bits)))
     }
 
     fn operation(&mut self) -> Option<Operation> {
@@ -155,8 +159,8 @@ impl Reader<'_> {
             1 => Operation::Wait { us: u64::from_le_bytes(self.array()?) },
             2 => Operation::Note {
                 mode: self.u8()?,
-                limit: self.optional()?,
-                offset: self.optional()?,
+                limit: self.optional()?.0,
+                offset: self.optional()?.0,
                 captures: self.u32()?,
             },
             3 => Operation::Entry { kind: self.u8()?, state: self.u8()?, capture: self.u32()? },

@@ -189,7 +189,7 @@ impl Rig {
         if self.keeping.is_none()
             && let Some(keep) = self.link.take_keep(self.now_us)
         {
-            self.check_keep(&keep, trusted)?;
+            Self::check_keep(&keep, trusted)?;
             count(match keep {
                 Keep::Borrowed(Some(_)) => "kept: borrowed",
                 Keep::Borrowed(None) => "kept: returned",
@@ -205,7 +205,7 @@ impl Rig {
         Ok(())
     }
 
-    fn check_keep(&self, keep: &Keep, trusted: bool) -> Result<(), Broken> {
+    fn check_keep(keep: &Keep, trusted: bool) -> Result<(), Broken> {
         match keep {
             Keep::Parameters(parameters) => {
                 rule(trusted, || "parameters changed by nobody who may".into())?;
@@ -236,8 +236,8 @@ impl Rig {
 
     fn answer_logs(&mut self, kind: u8, length: u16) {
         let wish = self.wish.take().unwrap_or(LogWish::List);
-        let bytes = |count: usize| LogBytes::from_iter((0..count.min(READ_BYTES)).map(|at| at as u8));
-        let list = || LogList::from_iter((0..length % 33).map(|at| (at.wrapping_mul(length), u32::from(length))));
+        let bytes = |count: usize| -> LogBytes { (0..count.min(READ_BYTES)).map(|at| at as u8).collect() };
+        let list = || -> LogList { (0..length % 33).map(|at| (at.wrapping_mul(length), length.into())).collect() };
         let answer = match (kind % 5, wish) {
             (0, LogWish::List) | (3, LogWish::Read { .. }) => LogAnswer::List(list()),
             (0, LogWish::Read { .. }) | (3, LogWish::List) => LogAnswer::Read(bytes(READ_BYTES)),
