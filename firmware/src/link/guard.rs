@@ -96,7 +96,7 @@ impl Guard {
     }
 
     /// Adopts a later time.
-    fn set_time(&mut self, now_us: u64, time: u64) {
+    pub(super) fn set_time(&mut self, now_us: u64, time: u64) {
         self.base = self.base.max(time.saturating_sub(units(now_us)));
     }
 

@@ -437,6 +437,10 @@ impl Link {
         }
         let key = (key.0 != [0; 32]).then_some(key);
         let words = if key.is_some() { "key installed" } else { "key removed" };
+        // Several frames of one moment run ahead of the clock: what is signed from now on comes after them.
+        for signer in [self.board.signer, self.camera.signer].into_iter().flatten() {
+            self.guard.set_time(now_us, signer.time);
+        }
         self.guard.set_key(key, time, now_us);
         self.arm_senders();
         self.key_changed = true;

@@ -67,8 +67,9 @@ impl Outgoing {
         self.systems.clone()
     }
 
-    pub(crate) fn forget_key(&mut self) {
-        self.key = None;
+    /// What is said must be signed with this from now on; `None` if that is not known, or nothing must.
+    pub(crate) fn sign_with(&mut self, key: Option<[u8; 32]>) {
+        self.key = key;
     }
 
     /// The memory holds this now.

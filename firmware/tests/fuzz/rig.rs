@@ -120,9 +120,9 @@ impl Rig {
             if let Some(Incoming::SetupSigning { .. }) = Incoming::read(frame)
                 && port == Port::Service
             {
-                // From here on the bench does not know the key.
+                // From here on the bench does not know who may command, and the key only when it is handed out to be kept.
                 self.ears[0].forget_key();
-                self.outgoing.forget_key();
+                self.outgoing.sign_with(None);
             }
             if let Some(Incoming::Tunnel { kind, payload, .. }) = Incoming::read(frame) {
                 let _ = Tunnelled::read(kind, &payload);
@@ -197,6 +197,9 @@ impl Rig {
                 Keep::Streams(_) => "kept: streams",
                 Keep::Parameters(_) => "kept: parameters",
             });
+            if let Keep::Key(key) = keep {
+                self.outgoing.sign_with(key.map(|key| key.0));
+            }
             self.keeping = Some(keep);
         }
         if let Some(wish) = self.link.take_log_wish() {
