@@ -24,7 +24,7 @@ pub(crate) const NEWEST: u64 = 35_000_000_000_000;
 /// Frames at one instant: some 30 that do not wait, and what 0.1 s of both lines carry of frames of 13 bytes or more.
 const MAX_FRAMES: usize = 750;
 /// What the link may take of the board's memory.
-pub(crate) const MAX_LINK_BYTES: usize = 12 * 1024;
+pub(crate) const MAX_LINK_BYTES: usize = 8 * 1024;
 
 const MODES: [Mode; 7] =
     [Mode::Boot, Mode::Idle, Mode::SelfTest, Mode::Ready, Mode::Scanning, Mode::Degraded, Mode::Fault];
