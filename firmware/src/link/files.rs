@@ -68,7 +68,8 @@ impl LogServer {
 
     /// A stretch is wanted; another one under way is given up.
     pub(super) fn read(&mut self, port: Port, number: u16, offset: u32, count: u32) {
-        let stretch = Some(Stretch { number, offset, left: count });
+        // No log reaches beyond what an offset can say.
+        let stretch = Some(Stretch { number, offset, left: count.min(u32::MAX - offset) });
         *self = Self { port: Some(port), stretch, waits: self.waits, ..Self::default() };
     }
 

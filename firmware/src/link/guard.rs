@@ -20,6 +20,9 @@ const COMMANDS: Rate = Rate { per_s: 50.0, burst: 30.0 };
 /// Questions per second, and at once.
 const QUESTIONS: Rate = Rate { per_s: 50.0, burst: 30.0 };
 
+/// The latest time that is believed with a key: a year before the six bytes of a signature's time are full.
+const LATEST: u64 = (1 << 48) - 365 * 24 * 3600 * UNITS_PER_S;
+
 /// How often something may happen.
 #[derive(Clone, Copy, Debug)]
 struct Rate {
@@ -78,10 +81,12 @@ impl Guard {
         self.key
     }
 
-    /// Takes another key, or none; what was signed with the old one is forgotten.
+    /// Takes another key, or none; what was signed with the old one is forgotten. A time that no clock shows is not adopted.
     pub(super) fn set_key(&mut self, key: Option<Key>, time: u64, now_us: u64) {
         self.key = key;
-        self.set_time(now_us, time);
+        if time <= LATEST {
+            self.set_time(now_us, time);
+        }
         self.streams = Streams::starting_at(self.time(now_us));
     }
 
@@ -91,7 +96,7 @@ impl Guard {
     }
 
     /// Adopts a later time.
-    fn set_time(&mut self, now_us: u64, time: u64) {
+    pub(super) fn set_time(&mut self, now_us: u64, time: u64) {
         self.base = self.base.max(time.saturating_sub(units(now_us)));
     }
 

@@ -113,6 +113,10 @@ impl Hold {
 
     /// It is kept, or cannot be.
     pub(super) fn kept(&mut self, ok: bool) {
+        if self.stage == (Stage::Keeping { asked: false }) {
+            // The answer is to a value given back before: this one was not handed out yet.
+            return;
+        }
         self.kept = ok || !matches!(self.stage, Stage::Keeping { .. });
         if let Stage::Keeping { .. } = self.stage
             && let Some(borrowed) = self.borrowed
@@ -356,6 +360,24 @@ mod tests {
         hold.kept(false);
         assert_eq!(hold.refusal(), Some(Refusal::NotKept));
         assert_eq!(hold.next_ask(9_000_000), None);
+    }
+
+    #[test]
+    fn an_answer_for_the_value_before_does_not_count_for_this_one() {
+        let parameter = LimitParameter::LoiterMetres;
+        let mut hold = Hold::new(Some(Borrowed { parameter, value: 12.5 }));
+        hold.hear(parameter, 12.5);
+        assert_eq!(hold.take_keep(), Some(None), "it is given back");
+        for now_us in (0..5_000_000).step_by(10_000) {
+            hold.want(now_us, Some((LOITER, 0.3)));
+            if hold.next_ask(now_us) == Some(HoldAsk::Read(parameter)) {
+                hold.hear(parameter, 10.0);
+            }
+        }
+        hold.kept(true);
+        hold.want(5_000_000, Some((LOITER, 0.3)));
+        assert_eq!(hold.next_ask(5_000_000), None, "nothing is written yet");
+        assert_eq!(hold.take_keep(), Some(Some(Borrowed { parameter, value: 10.0 })));
     }
 
     #[test]

@@ -441,6 +441,10 @@ impl Link {
         }
         let key = (key.0 != [0; 32]).then_some(key);
         let words = if key.is_some() { "key installed" } else { "key removed" };
+        // Several frames of one moment run ahead of the clock: what is signed from now on comes after them.
+        for signer in [self.board.signer, self.camera.signer].into_iter().flatten() {
+            self.guard.set_time(now_us, signer.time);
+        }
         self.guard.set_key(key, time, now_us);
         self.arm_senders();
         self.key_changed = true;
@@ -491,7 +495,9 @@ impl Link {
             self.heartbeat_us = None;
         }
         (self.stepped_us, self.mode) = (Some(now_us), outputs.mode);
-        self.offset_m = outputs.centring.map(|centring| centring.offset_m).unwrap_or_default();
+        let offset_m = outputs.centring.map(|centring| centring.offset_m);
+        // What is no place leads nowhere.
+        self.offset_m = offset_m.filter(|offset_m| offset_m.iter().all(ComplexField::is_finite)).unwrap_or_default();
         self.captures.note_commanded(outputs.display.captures);
         let vehicle = self.vehicle.view(now_us);
         let version = self.vehicle.version;

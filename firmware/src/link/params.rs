@@ -19,9 +19,10 @@ pub(super) struct ParameterServer {
     /// A list under way: to whom, and which is next.
     list: Option<(Port, usize)>,
     answers: heapless::Deque<(Port, usize), WAITING>,
-    /// Changed, and not kept yet.
+    /// Changed, and not kept yet; the oldest first.
     unkept: heapless::Vec<(Port, usize), WAITING>,
-    keeping: bool,
+    /// Handed out to be kept, and how many of the changes are in it: more may come before the answer.
+    keeping: Option<(Parameters, usize)>,
 }
 
 /// What became of a change.
@@ -43,7 +44,7 @@ impl ParameterServer {
             list: None,
             answers: heapless::Deque::new(),
             unkept: heapless::Vec::new(),
-            keeping: false,
+            keeping: None,
         }
     }
 
@@ -86,21 +87,29 @@ impl ParameterServer {
 
     /// Parameters to be kept.
     pub(super) fn take_keep(&mut self) -> Option<Parameters> {
-        let wanted = !self.unkept.is_empty() && !self.keeping;
-        self.keeping |= wanted;
-        wanted.then(|| self.table.parameters().clone())
+        if self.unkept.is_empty() || self.keeping.is_some() {
+            return None;
+        }
+        let parameters = self.table.parameters().clone();
+        self.keeping = Some((parameters.clone(), self.unkept.len()));
+        Some(parameters)
     }
 
     /// They are kept, or cannot be; then the old ones stay.
     pub(super) fn kept(&mut self, ok: bool) {
-        self.keeping = false;
+        let Some((parameters, count)) = self.keeping.take() else { return };
         if ok {
-            self.stored = self.table.parameters().clone();
+            self.stored = parameters;
         } else {
             self.table = ParameterTable::new(self.stored.clone());
         }
-        for answer in core::mem::take(&mut self.unkept) {
-            let _ = self.answers.push_back(answer);
+        for (place, answer) in core::mem::take(&mut self.unkept).into_iter().enumerate() {
+            if ok && place >= count {
+                // It came after what is kept now was handed out, and is kept next.
+                let _ = self.unkept.push(answer);
+            } else {
+                let _ = self.answers.push_back(answer);
+            }
         }
     }
 

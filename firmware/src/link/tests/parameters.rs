@@ -90,3 +90,20 @@ fn what_cannot_be_kept_or_is_refused_is_answered_with_the_old_value() {
     assert!(texts(&heard).contains(&"SPD_MARGIN: not while scanning".to_owned()));
     assert_eq!(link.take_keep(0), None);
 }
+
+#[test]
+fn what_changes_while_the_memory_works_is_kept_next_and_answered_then() {
+    let mut link = link();
+    step(&mut link, 0, Mode::Idle, None);
+    set(&mut link, 0, MARGIN, Value::Real(0.8), Encoding::Cast);
+    assert!(link.take_keep(0).is_some());
+    set(&mut link, 0, "LOG_PERIOD_S", Value::Real(2.0), Encoding::Cast);
+    link.kept(true);
+    assert_eq!(values(&said(&mut link, 0), Encoding::Cast), [(MARGIN.to_owned(), Value::Real(0.8))]);
+    let Some(Keep::Parameters(kept)) = link.take_keep(0) else { panic!("the second is forgotten") };
+    assert_eq!((kept.speed.margin, kept.log.sample_period_s), (0.8, 2.0));
+    // When the second cannot be kept, the first stays.
+    link.kept(false);
+    let heard = values(&said(&mut link, 0), Encoding::Cast);
+    assert_eq!(heard, [("LOG_PERIOD_S".to_owned(), Value::Real(0.5))]);
+}

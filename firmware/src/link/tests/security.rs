@@ -107,6 +107,31 @@ fn a_key_is_given_by_cable_at_rest_only() {
 }
 
 #[test]
+fn a_key_whose_time_no_clock_shows_is_taken_without_it() {
+    let mut link = locked();
+    step(&mut link, 0, Mode::Idle, None);
+    link.receive(0, Port::Service, &ground().setup_signing(BOARD, &KEY, u64::MAX));
+    step(&mut link, 2_000_000, Mode::Ready, None);
+    assert!(!frames(&mut link, 2_000_000).is_empty());
+    link.receive(2_000_000, Port::Autopilot, &start(&mut signing(KEY, NOW + 300 * UNITS_PER_S)));
+    assert_eq!(link.take_command(), Some(Command::Start), "its owner's clock counts");
+}
+
+#[test]
+fn the_times_of_what_the_board_signs_grow_over_a_change_of_its_key() {
+    let mut link = locked();
+    let mut streams = Streams::default();
+    for _ in 0..2 {
+        step(&mut link, 0, Mode::Idle, None);
+        link.receive(0, Port::Service, &ground().parameter_list(BOARD));
+        for frame in frames(&mut link, 0) {
+            assert_eq!(streams.accept(&KEY, &frame), Ok(()), "message {}", frame.message);
+        }
+        link.receive(0, Port::Service, &ground().setup_signing(BOARD, &KEY, 0));
+    }
+}
+
+#[test]
 fn the_service_port_needs_no_signature() {
     let mut link = locked();
     link.receive(0, Port::Service, &start(&mut ground()));
