@@ -9,7 +9,7 @@
 //! neither use up the tokens of those who may, nor can questions. A hash takes 0.1 ms on the chip, a quarter of its time at a
 //! full line; control runs above the link.
 
-use adit_protocol::mavlink::signing::UNITS_PER_S;
+use adit_protocol::mavlink::signing::{LATEST, UNITS_PER_S};
 use adit_protocol::mavlink::{Key, RawFrame, SignatureError, Streams};
 
 use super::Port;
@@ -19,9 +19,6 @@ use crate::time::seconds;
 const COMMANDS: Rate = Rate { per_s: 50.0, burst: 30.0 };
 /// Questions per second, and at once.
 const QUESTIONS: Rate = Rate { per_s: 50.0, burst: 30.0 };
-
-/// The latest time that is believed with a key: a year before the six bytes of a signature's time are full.
-const LATEST: u64 = (1 << 48) - 365 * 24 * 3600 * UNITS_PER_S;
 
 /// How often something may happen.
 #[derive(Clone, Copy, Debug)]

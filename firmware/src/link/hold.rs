@@ -367,7 +367,7 @@ mod tests {
         let parameter = LimitParameter::LoiterMetres;
         let mut hold = Hold::new(Some(Borrowed { parameter, value: 12.5 }));
         hold.hear(parameter, 12.5);
-        assert_eq!(hold.take_keep(), Some(None), "it is given back");
+        assert_eq!(hold.take_keep(), Some(Keep::Borrowed(None)), "it is given back");
         for now_us in (0..5_000_000).step_by(10_000) {
             hold.want(now_us, Some((LOITER, 0.3)));
             if hold.next_ask(now_us) == Some(HoldAsk::Read(parameter)) {
@@ -377,7 +377,7 @@ mod tests {
         hold.kept(true);
         hold.want(5_000_000, Some((LOITER, 0.3)));
         assert_eq!(hold.next_ask(5_000_000), None, "nothing is written yet");
-        assert_eq!(hold.take_keep(), Some(Some(Borrowed { parameter, value: 10.0 })));
+        assert_eq!(hold.take_keep(), Some(Keep::Borrowed(Some(Borrowed { parameter, value: 10.0 }))));
     }
 
     #[test]

@@ -414,7 +414,7 @@ impl Link {
                         SignatureError::Unsigned => "unsigned",
                         SignatureError::Wrong => "wrong key",
                         SignatureError::Replayed => "sent before",
-                        SignatureError::Late => "too old",
+                        SignatureError::Late | SignatureError::Beyond => "wrong time",
                     };
                     self.report
                         .say_words(Severity::Warning, format_args!("refused request of {system}/{component}: {why}"));

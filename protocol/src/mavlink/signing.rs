@@ -17,6 +17,8 @@ use super::sender::OutFrame;
 pub const UNITS_PER_S: u64 = 100_000;
 /// 2015-01-01 UTC, where a signature's time begins, in Unix seconds.
 pub const EPOCH_UNIX_S: u64 = 1_420_070_400;
+/// The latest time that a clock shows: a year before its 48 bits run over, in 2103. A later one would bar everybody after it.
+pub const LATEST: u64 = (1 << 48) - 365 * 24 * 3600 * UNITS_PER_S;
 /// How far a stream that was never heard before may lag.
 const LAG_UNITS: u64 = 60 * UNITS_PER_S;
 /// Streams that are remembered. A vehicle has an autopilot, two ground stations and a camera or so.
@@ -98,6 +100,9 @@ pub enum SignatureError {
     /// A new stream that lags by more than a minute.
     #[error("the sender's clock is more than a minute behind")]
     Late,
+    /// A time that no clock shows.
+    #[error("the sender's clock shows the next century")]
+    Beyond,
 }
 
 /// One sender on one link, and when it was heard last.
@@ -149,6 +154,9 @@ impl Streams {
         let differing = expected.iter().zip(seal.hash).fold(0, |all, (one, other)| all | (one ^ other));
         if differing != 0 {
             return Err(SignatureError::Wrong);
+        }
+        if seal.time > LATEST {
+            return Err(SignatureError::Beyond);
         }
         let known = self.streams.iter_mut().find(|stream| {
             (stream.system, stream.component, stream.link) == (frame.system, frame.component, seal.link)
@@ -218,6 +226,13 @@ mod tests {
         assert_eq!(streams.accept(&KEY, &frame(now, 0)), Ok(()));
         assert_eq!(streams.accept(&KEY, &frame(now - LAG_UNITS - 10, 1)), Err(SignatureError::Late));
         assert_eq!(streams.accept(&KEY, &frame(now - LAG_UNITS + 10, 1)), Ok(()));
+    }
+
+    #[test]
+    fn a_time_that_no_clock_shows_bars_nobody() {
+        let mut streams = Streams::default();
+        assert_eq!(streams.accept(&KEY, &frame((1 << 48) - 2, 0)), Err(SignatureError::Beyond));
+        assert_eq!(streams.accept(&KEY, &frame(1000, 1)), Ok(()));
     }
 
     #[test]
