@@ -4,6 +4,8 @@
 //! `cargo xtask setup` installs them from `requirements.txt` to `target/peers`; where they are not, each test skips itself and
 //! says so.
 
+mod ground;
+
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};

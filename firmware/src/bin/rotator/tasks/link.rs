@@ -9,7 +9,7 @@ use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
-use embassy_time::{Duration, Instant, with_timeout};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use static_cell::ConstStaticCell;
 
 use crate::blackboard::{CAPTURES, CHECK_INS, KEEP, KEPT, Keep, LOG_ANSWERS, LOG_WISHES, NOTICES, newest, now_us};
@@ -24,6 +24,8 @@ const PERIOD: Duration = Duration::from_millis(5);
 static RING: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
 /// The rate if the parameter's is impossible.
 const FALLBACK_BAUD: u32 = 57_600;
+/// What was said last is on the line for no longer than this.
+const FAREWELL: Duration = Duration::from_millis(50);
 /// How deep the stack has been is looked up this often: it takes a look at every word of it.
 const STACK_PERIOD: Duration = Duration::from_secs(1);
 
@@ -90,6 +92,13 @@ pub(crate) async fn talk(mut parts: LinkParts, mut service: ServiceRx, link: &'s
                 let _ = tx.write(&frame).await;
             }
         }
+        if link.take_restart() {
+            // The answer has to get through first.
+            Timer::after(FAREWELL).await;
+            crash::make_safe();
+            crash::leave_note(format_args!("restart by command"));
+            cortex_m::peripheral::SCB::sys_reset()
+        }
     }
 }
 
@@ -133,11 +142,6 @@ fn exchange(link: &mut Link, diagnosis: Diagnosis) {
     link.note(now_us, &outputs, measured_m(readings), diagnosis);
     lend(link);
     keep(link, now_us);
-    if link.take_restart() {
-        crash::make_safe();
-        crash::leave_note(format_args!("restart by command"));
-        cortex_m::peripheral::SCB::sys_reset()
-    }
 }
 
 /// Logs of the card, for whoever fetches them.
