@@ -27,17 +27,19 @@ mod lines;
 mod modes;
 mod params;
 mod report;
+mod send;
+mod serve;
 mod speed;
 mod vehicle;
+mod words;
 
 use adit_protocol::mavlink::{
-    AUTOPILOT_COMPONENT, BOARD_COMPONENT, CAMERA_COMPONENT, CameraReport, Counters, Encoding, FrameDecoder, Incoming,
-    Key, OutFrame, RawFrame, Sender, Severity, SignatureError, Signer, Streams, TEXT_BYTES, Target, Value,
-    VersionReport, command, message,
+    BOARD_COMPONENT, CAMERA_COMPONENT, CameraReport, Counters, Encoding, FrameDecoder, Key, Sender, Severity, Signer,
+    Streams, TEXT_BYTES, VersionReport,
 };
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::{Entry, Mode};
-use adit_protocol::telemetry::{Enforcement, TAG_KIND, tunnelled};
+use adit_protocol::telemetry::Enforcement;
 use nalgebra::ComplexField;
 
 pub use enforce::REACTION_S;
@@ -50,43 +52,21 @@ pub use vehicle::VehicleView;
 use crate::io::{Command, Outputs, RangeReading};
 use crate::time::has_passed;
 use camera::Captures;
-use commands::{Commands, Reply};
-use enforce::{Ask, Cause, Enforcer, Situation, is_due};
+use commands::Commands;
+use enforce::{Cause, Enforcer, Situation, is_due};
 use files::LogServer;
-use guard::{Guard, Refused};
-use hold::HoldAsk;
+use guard::Guard;
 use lines::Line;
-use modes::Row;
-use params::{Change, ParameterServer};
-use report::{Report, Speed};
+use params::ParameterServer;
+use report::Report;
 use vehicle::Vehicle;
 
 /// Rate of the service port.
 pub const SERVICE_BAUD: u32 = 921_600;
-/// The controller counts as stalled after this.
-const STALLED_S: f32 = 1.0;
-const HEARTBEAT_S: f32 = 1.0;
 /// Bytes of one frame come without a pause: after one this long its end will not come.
 const SILENCE_S: f32 = 0.1;
 /// The time of the newest signature is kept this often; the memory does not wear.
 const KEEP_STREAMS_S: f32 = 1.0;
-/// The same words about the limit come no more often than this.
-const SAY_AGAIN_S: f32 = 5.0;
-/// Words about refused requests come no more often than this.
-const SAY_REFUSED_S: f32 = 10.0;
-/// The autopilot is asked for what it does not send this often.
-const WISH_S: f32 = 5.0;
-/// What is wished for: the version once, then messages with their intervals in microseconds. The mode comes with the heartbeat.
-const WISHES: [(u32, f32); 5] = [
-    (message::VERSION, 0.0),
-    (0, 500_000.0),
-    (message::ATTITUDE, 50_000.0),
-    (message::LOCAL_POSITION, 50_000.0),
-    (message::HEAD_UP, 200_000.0),
-];
-/// How the board leads the vehicle back to the axis: speed per metre of offset, and at most.
-const CENTRE_PER_S: f32 = 0.4;
-const CENTRE_MPS: f32 = 0.15;
 
 /// What was said at some time.
 type Timed<T> = Option<(T, u64)>;
@@ -287,168 +267,13 @@ impl Link {
         }
     }
 
-    fn hear(&mut self, now_us: u64, port: Port, frame: &RawFrame) {
-        let Some(incoming) = Incoming::read(frame) else { return };
-        match incoming {
-            Incoming::Command { .. }
-            | Incoming::ParameterSet { .. }
-            | Incoming::ParameterRead { .. }
-            | Incoming::ParameterList { .. }
-            | Incoming::SetupSigning { .. }
-            | Incoming::LogList { .. }
-            | Incoming::LogRequest { .. }
-            | Incoming::LogEnd { .. }
-            | Incoming::TimeSync { .. } => self.serve(now_us, port, frame, incoming),
-            _ if port == Port::Autopilot
-                && self.vehicle.is_from_autopilot(frame)
-                && (!self.signed_telemetry || self.guard.check(now_us, frame).is_ok()) =>
-            {
-                self.follow(now_us, frame, &incoming);
-            }
-            _ => {}
-        }
-    }
-
-    /// Takes what the autopilot tells.
-    fn follow(&mut self, now_us: u64, frame: &RawFrame, incoming: &Incoming) {
-        match incoming {
-            Incoming::CommandAck { command: number, result, target } => {
-                let for_us = *target == [0, 0] || *target == [self.board.system, BOARD_COMPONENT];
-                if *number == command::CHANGE_SPEED && for_us {
-                    self.enforcer.hear_answer(*result);
-                }
-            }
-            Incoming::ParameterValue { name: Some(name), value, .. } => {
-                let parameter = LimitParameter::named(name);
-                if let Some((parameter, value)) = parameter.zip(Value::read(*value, self.encoding())) {
-                    self.enforcer.hear_parameter(parameter, value.real());
-                }
-            }
-            _ => self.vehicle.hear(now_us, frame, incoming),
-        }
-        if self.vehicle.take_began_anew() {
-            self.enforcer.begin_anew();
-            self.wished_us = None;
-        }
-        if let Some(system) = self.vehicle.system {
-            (self.board.system, self.camera.system) = (system, system);
-        }
-    }
-
     /// How whole numbers lie in the values of this system's parameters.
     fn encoding(&self) -> Encoding {
         Encoding::of(self.vehicle.mode.map(|(autopilot, _)| autopilot))
     }
 
-    /// Whether a message is for the board, or for its camera.
-    fn is_for_us(&self, [system, component]: Target) -> bool {
-        system == self.board.system && (component == BOARD_COMPONENT || component == CAMERA_COMPONENT)
-    }
-
-    /// Answers a question or does what is wanted, if whoever wants it may.
-    fn serve(&mut self, now_us: u64, port: Port, frame: &RawFrame, incoming: Incoming) {
-        let everybody = |target: Target| target == [0, 0] || target == [self.board.system, 0];
-        let from = [frame.system, frame.component];
-        let scans = self.is_scanning();
-        let credentials = self.guard.credentials(now_us, port, frame);
-        match incoming {
-            Incoming::TimeSync { answered_ns: 0, asked_ns } if self.guard.has_room(now_us) => {
-                self.commands.reply(port, Reply::TimeSync { asked_ns });
-            }
-            Incoming::ParameterList { target }
-                if (self.is_for_us(target) || everybody(target)) && self.guard.has_room(now_us) =>
-            {
-                self.parameters.list(port);
-            }
-            Incoming::ParameterRead { target, index, name }
-                if self.is_for_us(target) && self.guard.has_room(now_us) =>
-            {
-                self.parameters.read(port, index, name.as_ref());
-            }
-            Incoming::ParameterSet { target, name, value }
-                if self.is_for_us(target) && self.admits(now_us, frame, credentials) =>
-            {
-                let change = self.parameters.set(port, name.as_ref(), value, self.encoding(), !scans);
-                self.say_change(change, name.as_deref().unwrap_or("?"), scans);
-            }
-            Incoming::LogList { target, .. } if self.is_for_us(target) && !scans && self.guard.has_room(now_us) => {
-                self.logs.list(port);
-            }
-            Incoming::LogRequest { target, id, offset, count }
-                if self.is_for_us(target) && !scans && self.guard.has_room(now_us) =>
-            {
-                self.logs.read(port, id, offset, count);
-            }
-            Incoming::LogEnd { target } if self.is_for_us(target) => self.logs.end(),
-            Incoming::SetupSigning { target, key, time } if self.is_for_us(target) => {
-                self.change_key(now_us, port, key, time);
-            }
-            Incoming::Command { target: target @ [_, component], command: number, confirmation, parameters }
-                if self.is_for_us(target) =>
-            {
-                let is_question = commands::is_question(number);
-                if is_question && self.guard.has_room(now_us) || !is_question && self.admits(now_us, frame, credentials)
-                {
-                    let order = commands::Order { port, from, component, command: number, confirmation, parameters };
-                    if self.commands.obey(now_us, self.mode, order, &mut self.captures) == Some(Command::Arm) {
-                        self.vehicle.latch_axis(now_us);
-                    }
-                }
-            }
-            _ => {}
-        }
-    }
-
     fn is_scanning(&self) -> bool {
         matches!(self.mode, Mode::SelfTest | Mode::Scanning | Mode::Degraded)
-    }
-
-    /// Whether a request may have an effect; who may not is named to the pilot, now and then.
-    fn admits(&mut self, now_us: u64, frame: &RawFrame, credentials: Result<(), SignatureError>) -> bool {
-        match self.guard.admits(now_us, credentials) {
-            Ok(()) => true,
-            Err(Refused::Signature(error)) => {
-                if is_due(&mut self.refused_us, now_us, SAY_REFUSED_S) {
-                    let (system, component) = (frame.system, frame.component);
-                    let why = match error {
-                        SignatureError::Unsigned => "unsigned",
-                        SignatureError::Wrong => "wrong key",
-                        SignatureError::Replayed => "sent before",
-                        SignatureError::Late | SignatureError::Beyond => "wrong time",
-                    };
-                    self.report
-                        .say_words(Severity::Warning, format_args!("refused request of {system}/{component}: {why}"));
-                }
-                false
-            }
-            Err(Refused::Flood) => false,
-        }
-    }
-
-    fn say_change(&mut self, change: Change, name: &str, scans: bool) {
-        if change == Change::Refused {
-            let why = if scans { "not while scanning" } else { "value refused" };
-            self.report.say_words(Severity::Warning, format_args!("{name}: {why}"));
-        }
-    }
-
-    /// A key is given or taken by whoever has the board in hand, while it rests.
-    fn change_key(&mut self, now_us: u64, port: Port, key: Key, time: u64) {
-        let rests = matches!(self.mode, Mode::Boot | Mode::Idle | Mode::Fault);
-        if port != Port::Service || !rests {
-            self.report.say_words(Severity::Warning, format_args!("key refused: TELEM2 only, and at rest"));
-            return;
-        }
-        let key = (key.0 != [0; 32]).then_some(key);
-        let words = if key.is_some() { "key installed" } else { "key removed" };
-        // Several frames of one moment run ahead of the clock: what is signed from now on comes after them.
-        for signer in [self.board.signer, self.camera.signer].into_iter().flatten() {
-            self.guard.set_time(now_us, signer.time);
-        }
-        self.guard.set_key(key, time, now_us);
-        self.arm_senders();
-        self.key_changed = true;
-        self.report.say_words(Severity::Info, format_args!("{words}"));
     }
 
     /// The next thing that must outlive the power; nothing more until [`Link::kept`] was called.
@@ -524,197 +349,6 @@ impl Link {
     /// Tells the pilot. What does not fit is dropped: the first trouble tells most.
     pub fn say(&mut self, severity: Severity, text: heapless::String<TEXT_BYTES>) {
         self.report.say(severity, text);
-    }
-
-    /// A change in how far the limit is in force is news.
-    fn say_enforcement(&mut self, now_us: u64, row: Option<Row>, outputs: &Outputs, vehicle: &VehicleView) {
-        let mode = row.map_or("", |row| row.name);
-        let (state, cause) = self.enforcer.state();
-        let news = (state, cause, mode);
-        if matches!(state, Enforcement::Idle | Enforcement::Requested) {
-            // Being asked is no news, but what comes after is, even if it was said before.
-            if state == Enforcement::Idle {
-                self.said = None;
-            }
-            return;
-        }
-        if self
-            .said
-            .is_some_and(|(said, at_us)| said == news && (cause.is_none() || !has_passed(at_us, now_us, SAY_AGAIN_S)))
-        {
-            return;
-        }
-        self.said = Some((news, now_us));
-        let limit = Speed(outputs.speed_limit_mps.unwrap_or_default());
-        let speed = Speed(vehicle.speed_mps.map_or(0.0, ComplexField::abs));
-        let report = &mut self.report;
-        match cause {
-            None => report.say_words(Severity::Info, format_args!("limit {limit} m/s in force in {mode}")),
-            Some(Cause::NoAutopilot) => {
-                report.say_words(Severity::Warning, format_args!("limit {limit} m/s: no autopilot heard"));
-            }
-            Some(Cause::Mode) => {
-                report.say_words(Severity::Warning, format_args!("{mode} takes no limit: keep below {limit} m/s"));
-            }
-            Some(Cause::Floor) => {
-                let floor = Speed(row.map_or(0.0, |row| row.floor_mps));
-                report.say_words(Severity::Warning, format_args!("{mode} takes {floor} at least: keep below {limit}"));
-            }
-            Some(Cause::Refused(refusal)) => {
-                let why = match refusal {
-                    hold::Refusal::Unknown => "has no speed parameter",
-                    hold::Refusal::Ambiguous => "has two speed parameters",
-                    hold::Refusal::Implausible => "speed parameter odd",
-                    hold::Refusal::NotKept => "FRAM keeps no value",
-                };
-                report.say_words(Severity::Warning, format_args!("{mode}: {why}, keep below {limit} m/s"));
-            }
-            Some(Cause::Denied) => {
-                report.say_words(Severity::Error, format_args!("autopilot refuses {limit} m/s in {mode}"));
-            }
-            Some(Cause::TooFast) => {
-                report.say_words(Severity::Error, format_args!("TOO FAST: {speed} m/s, limit {limit} ignored"));
-            }
-        }
-    }
-
-    /// The next frame that is due, and where it goes.
-    pub fn next_frame(&mut self, now_us: u64) -> Option<(Ports, OutFrame)> {
-        let time = self.guard.time(now_us);
-        for sender in [&mut self.board, &mut self.camera] {
-            if let Some(signer) = &mut sender.signer {
-                signer.set_time(time);
-            }
-        }
-        let (ports, frame) = self.urgent(now_us).or_else(|| self.patient(now_us))?;
-        for port in [Port::Autopilot, Port::Service] {
-            if ports.contains(port)
-                && let Some(line) = self.lines.get_mut(port as usize)
-            {
-                line.take(&frame);
-            }
-        }
-        Some((ports, frame))
-    }
-
-    fn steps(&self, now_us: u64) -> bool {
-        self.stepped_us.is_some_and(|stepped_us| !has_passed(stepped_us, now_us, STALLED_S))
-    }
-
-    /// What does not wait for room on the line.
-    fn urgent(&mut self, now_us: u64) -> Option<(Ports, OutFrame)> {
-        if let Some((port, reply)) = self.commands.take_reply() {
-            return Some((Ports::One(port), self.reply(now_us, reply)));
-        }
-        let steps = self.steps(now_us);
-        if steps && is_due(&mut self.heartbeat_us, now_us, HEARTBEAT_S) {
-            return Some((Ports::Both, self.board.heartbeat(self.mode)));
-        }
-        if steps && is_due(&mut self.camera_heartbeat_us, now_us, HEARTBEAT_S) {
-            return Some((
-                Ports::Both,
-                self.camera.camera_heartbeat(matches!(self.mode, Mode::Scanning | Mode::Degraded)),
-            ));
-        }
-        if steps && let Some(ask) = self.enforcer.next_ask(now_us) {
-            return Some((Ports::One(Port::Autopilot), self.ask(now_us, ask)));
-        }
-        if steps && let Some(frame) = self.wish(now_us) {
-            return Some((Ports::One(Port::Autopilot), frame));
-        }
-        // A board that has never stepped has nothing to say.
-        self.stepped_us?;
-        if let Some((severity, text)) = self.report.take_notice() {
-            return Some((Ports::Both, self.board.text(severity, &text)));
-        }
-        if let Some(capture) = self.captures.take_trigger() {
-            return Some((Ports::Both, self.camera.camera_trigger(now_us, capture.wrapping_sub(1))));
-        }
-        let report = self.captures.take_report()?;
-        Some((Ports::Both, self.camera.image_captured(&report)))
-    }
-
-    /// What waits for room on the line.
-    fn patient(&mut self, now_us: u64) -> Option<(Ports, OutFrame)> {
-        let [autopilot, service] = &mut self.lines;
-        let rooms = [autopilot.has_room(now_us), service.has_room(now_us)];
-        let has_room = |port: Port| rooms.get(port as usize).copied().unwrap_or_default();
-        if let Some(port) = self.parameters.next_port().filter(|port| has_room(*port)) {
-            let encoding = self.encoding();
-            return self.parameters.next_frame(&mut self.board, encoding).map(|frame| (Ports::One(port), frame));
-        }
-        if has_room(Port::Autopilot) && self.steps(now_us) {
-            if let Some(payload) = self.captures.take_tag().and_then(|tag| tunnelled(&tag)) {
-                return Some((Ports::Both, self.board.tunnel([0, 0], TAG_KIND, &payload)));
-            }
-            if let Some(frame) = self.report.next_frame(now_us, &mut self.board) {
-                return Some((Ports::Both, frame));
-            }
-        }
-        if self.is_scanning() {
-            self.logs.end();
-        }
-        let port = self.logs.next_port().filter(|port| has_room(*port))?;
-        self.logs.next_frame(&mut self.board).map(|frame| (Ports::One(port), frame))
-    }
-
-    fn reply(&mut self, now_us: u64, reply: Reply) -> OutFrame {
-        let time_ms = (now_us / 1000) as u32;
-        let scans = self.is_scanning();
-        match reply {
-            Reply::Ack { component, number, result, to } => {
-                let sender = if component == CAMERA_COMPONENT { &mut self.camera } else { &mut self.board };
-                sender.command_ack(number, result, to)
-            }
-            Reply::TimeSync { asked_ns } => self.board.time_sync(now_us.cast_signed() * 1000, asked_ns),
-            Reply::Version { component } => {
-                let report = VersionReport { encoding: self.encoding(), ..self.version };
-                let sender = if component == CAMERA_COMPONENT { &mut self.camera } else { &mut self.board };
-                sender.version(&report)
-            }
-            Reply::CameraInformation => self.camera.camera_information(time_ms, &self.camera_report),
-            Reply::CameraSettings => self.camera.camera_settings(time_ms),
-            Reply::Storage => self.camera.storage_information(time_ms),
-            Reply::CaptureStatus => self.camera.capture_status(time_ms, scans.then_some(self.period_s)),
-        }
-    }
-
-    fn ask(&mut self, now_us: u64, ask: Ask) -> OutFrame {
-        let to = [self.board.system, AUTOPILOT_COMPONENT];
-        match ask {
-            Ask::ChangeSpeed(speed_mps, confirmation) => self.board.change_speed(to, confirmation, speed_mps),
-            Ask::VelocityLimits(limit_mps) => self.board.velocity_limits(to, limit_mps),
-            Ask::Lead(limit_mps) => {
-                let forward_mps = self.lead_mps.min(limit_mps);
-                let [right_mps, down_mps] =
-                    self.offset_m.map(|offset_m| (-CENTRE_PER_S * offset_m).clamp(-CENTRE_MPS, CENTRE_MPS));
-                let (sin, cos) = ComplexField::sin_cos(self.vehicle.axis_yaw_rad().unwrap_or_default());
-                let velocity_mps = [forward_mps * cos - right_mps * sin, forward_mps * sin + right_mps * cos, down_mps];
-                self.board.velocity_setpoint(to, (now_us / 1000) as u32, velocity_mps)
-            }
-            Ask::Hold(HoldAsk::Read(parameter)) => self.board.parameter_read(to, parameter.name()),
-            Ask::Hold(HoldAsk::Write(parameter, value)) => {
-                self.board.parameter_set(to, parameter.name(), Value::Real(value).write(Encoding::Cast))
-            }
-        }
-    }
-
-    /// Asks the autopilot for what it does not send, one after the other.
-    fn wish(&mut self, now_us: u64) -> Option<OutFrame> {
-        let (version_known, quiet) = (self.vehicle.version.is_some(), self.vehicle.is_quiet(now_us));
-        if self.wish == 0 {
-            let first = self.wished_us.is_none();
-            let wanted = self.vehicle.is_alive(now_us) && (first || quiet || !version_known);
-            if !wanted || !is_due(&mut self.wished_us, now_us, WISH_S) {
-                return None;
-            }
-        }
-        let number = if self.wish == 0 { command::REQUEST_MESSAGE } else { command::SET_MESSAGE_INTERVAL };
-        let (message, interval_us) = *WISHES.get(self.wish)?;
-        // What comes anyway keeps its rate; only the heartbeat, which tells the mode, is wished for in any case.
-        self.wish = if self.wish == 0 || quiet { (self.wish + 1) % WISHES.len() } else { 0 };
-        let to = [self.board.system, AUTOPILOT_COMPONENT];
-        Some(self.board.command(to, number, 0, &[message as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]))
     }
 }
 

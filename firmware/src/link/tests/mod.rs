@@ -6,7 +6,7 @@ mod parameters;
 mod security;
 mod vehicle;
 
-use adit_protocol::mavlink::{Sender, VehicleBeat};
+use adit_protocol::mavlink::{AUTOPILOT_COMPONENT, Incoming, OutFrame, RawFrame, Sender, Target, Value, VehicleBeat};
 
 use super::*;
 
