@@ -55,6 +55,17 @@ struct ServeArguments {
     seconds: Option<f64>,
 }
 
+/// Who watches, and how fast time goes.
+#[derive(Args)]
+struct WatchArguments {
+    /// Show the vehicle to a ground station there, such as udpout:127.0.0.1:14550.
+    #[arg(long, value_name = "CONNECTION")]
+    mavlink: Option<Connection>,
+    /// Let a second last a second.
+    #[arg(long)]
+    realtime: bool,
+}
+
 #[derive(Args)]
 struct FlyArguments {
     /// Mission file (TOML) with tables tunnel, camera, rig, flight and simulation.
@@ -68,12 +79,8 @@ struct FlyArguments {
     /// The flash image (ELF).
     #[arg(long, default_value = IMAGE)]
     image: PathBuf,
-    /// Show the vehicle to a ground station there, such as udpout:127.0.0.1:14550.
-    #[arg(long, value_name = "CONNECTION")]
-    mavlink: Option<Connection>,
-    /// Let a second last a second.
-    #[arg(long)]
-    realtime: bool,
+    #[command(flatten)]
+    watch: WatchArguments,
     /// Leave out photos and the true texture.
     #[arg(long)]
     no_photos: bool,
@@ -158,11 +165,12 @@ fn run(arguments: &FlyArguments) -> Result<bool> {
     let parameters = file.mission.parameters();
     let setup = Setup { fram: provisioned_fram(&parameters)?, ..Setup::new(file.seed)? };
     let peer = arguments
+        .watch
         .mavlink
         .as_ref()
         .map(|connection| Peer::open(connection).with_context(|| format!("cannot open {connection}")));
     let board = EmulatedBoard::new(image, &parameters, setup)?;
-    let mut watched = Watched::new(board, peer.transpose()?, arguments.realtime);
+    let mut watched = Watched::new(board, peer.transpose()?, arguments.watch.realtime);
     let mut flight = fly_board(&mut watched, &file.mission, &file.simulation, file.seed)
         .with_context(|| format!("mission {}", file.path.display()))?;
     let board = watched.board.finish()?;

@@ -136,6 +136,18 @@ fn peers_read_what_the_board_sends() {
     assert_eq!(ack.command, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
 }
 
+#[test]
+fn a_message_that_no_dialect_here_has_is_laid_out_as_mavgen_does() {
+    // pymavlink 2.4.50, `mavgen` over MAVLink's `development.xml`: SET_VELOCITY_LIMITS of 0.3 m/s, the others NaN.
+    let expected = [
+        0xFD, 0x0E, 0x00, 0x00, 0x00, 0x01, 0xBF, 0x62, 0x01, 0x00, 0x9A, 0x99, 0x99, 0x3E, 0x00, 0x00, 0xC0, 0x7F,
+        0x00, 0x00, 0xC0, 0x7F, 0x01, 0x01, 0xBC, 0x6B,
+    ];
+    let frame = Sender::new(1, BOARD_COMPONENT).velocity_limits([1, 1], 0.3);
+    assert_eq!(frame.as_slice(), expected);
+    assert_eq!(decoded(&frame).len(), 1);
+}
+
 proptest! {
     #[test]
     fn every_sound_frame_in_any_garbage_is_found(

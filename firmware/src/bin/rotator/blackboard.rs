@@ -54,7 +54,6 @@ static NEWEST: Mutex<CriticalSectionRawMutex, RefCell<Option<Newest>>> = Mutex::
 static LOG: Mutex<CriticalSectionRawMutex, RefCell<LogQueue>> = Mutex::new(RefCell::new(LogQueue::new()));
 
 /// What is to be kept over a loss of power.
-#[expect(clippy::large_enum_variant, reason = "no allocation here, and four of them are 2 KiB")]
 pub(crate) enum Keep {
     /// The last capture's number.
     Capture(u32),
