@@ -4,14 +4,24 @@ usage: captures.py EMULATOR IMAGE MISSION OUT
 """
 
 import asyncio
+import os
 import subprocess
 import sys
+import threading
 
 from mavsdk import System
 
 emulator, image, mission, out = sys.argv[1:]
 PORT = 14572
+# Every script has a server of its own.
+SERVER = 50072
 WANTED = 5
+
+
+# A server that does not answer cannot be waited out from within.
+helper = threading.Timer(170, os._exit, [3])
+helper.daemon = True
+helper.start()
 
 
 async def first(stream, fits):
@@ -21,7 +31,7 @@ async def first(stream, fits):
 
 
 async def main():
-    system = System(sysid=254, compid=190)
+    system = System(port=SERVER, sysid=254, compid=190)
     await system.connect(system_address=f"udpin://127.0.0.1:{PORT}")
     await first(system.core.connection_state(), lambda state: state.is_connected)
     position = await first(system.telemetry.position_velocity_ned(), lambda ned: True)

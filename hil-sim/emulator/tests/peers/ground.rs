@@ -24,10 +24,12 @@ fn our_ground_sets_parameters_restarts_the_board_and_fetches_its_logs() {
         assert_eq!(kept.value.real(), 10.0, "kept over the restart");
         let logs = session.logs(&found).await.expect("logs");
         assert_eq!(logs.len(), 2, "one for each start");
-        for (log, images_per_turn) in logs.into_iter().zip([12, 10]) {
+        // The second is being written: a record may grow between two reads of the fetch.
+        for (log, (images_per_turn, most_damage)) in logs.into_iter().zip([(12, 0), (10, 1)]) {
             let file = session.fetch_log(&found, log, folder.path(), &mut |_| {}).await.expect("a log");
             let fetched = FlightLog::from_bytes(&std::fs::read(file).expect("a file"));
-            assert_eq!((fetched.sessions.len(), fetched.damage.len()), (1, 0));
+            assert_eq!(fetched.sessions.len(), 1);
+            assert!(fetched.damage.len() <= most_damage, "{:?}", fetched.damage);
             let header = fetched.sessions[0].header.as_ref().expect("a header");
             assert_eq!(header.parameters.rig.images_per_turn, images_per_turn);
         }

@@ -9,6 +9,7 @@ mod ground;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use adit_emulator::{EmulatedBoard, Setup, provisioned_fram};
 use adit_firmware::io::Outputs;
@@ -24,6 +25,14 @@ const MISSION: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/missions/two-t
 
 fn target() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target")
+}
+
+/// One board at a time: each keeps to the clock on the wall.
+static TURN: Mutex<()> = Mutex::new(());
+
+fn turn() -> MutexGuard<'static, ()> {
+    // A test that failed has left nothing behind that another one needs.
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The peers' interpreter; `None`, with a word, where they are not installed.
@@ -47,10 +56,12 @@ fn run(python: &Path, script: &str, arguments: &[&str]) {
 struct Served {
     board: Child,
     folder: tempfile::TempDir,
+    _turn: MutexGuard<'static, ()>,
 }
 
 impl Served {
     fn start() -> Self {
+        let turn = turn();
         let folder = tempfile::tempdir().expect("a folder");
         let image = target().join("image/rotator.elf");
         assert!(image.exists(), "no {}; build it with: cargo xtask flash --build-only", image.display());
@@ -67,7 +78,7 @@ impl Served {
         let talk = board.stderr.take().map(BufReader::new).expect("its talk");
         let ready = talk.lines().map_while(Result::ok).any(|line| line.contains("ready"));
         assert!(ready, "the board's ports are not there");
-        Self { board, folder }
+        Self { board, folder, _turn: turn }
     }
 
     fn port(&self, name: &str) -> String {
@@ -197,6 +208,7 @@ fn mavsdk_lists_and_sets_the_parameters_and_finds_the_camera() {
 #[test]
 fn mavsdk_sees_the_vehicle_with_our_component_beside_it_and_every_capture() {
     let Some(python) = python("mavsdk_sees_the_vehicle_with_our_component_beside_it_and_every_capture") else { return };
+    let _turn = turn();
     let folder = tempfile::tempdir().expect("a folder");
     let (image, out) = (target().join("image/rotator.elf"), folder.path().join("flight"));
     let paths = [Path::new(MISSION), &out].map(|path| path.to_string_lossy().into_owned());
