@@ -4,12 +4,10 @@ usage: captures.py EMULATOR IMAGE MISSION OUT
 """
 
 import asyncio
-import os
 import subprocess
 import sys
-import threading
 
-from mavsdk import System
+from mavsdk_peer import connected, first
 
 emulator, image, mission, out = sys.argv[1:]
 PORT = 14572
@@ -18,22 +16,8 @@ SERVER = 50072
 WANTED = 5
 
 
-# A server that does not answer cannot be waited out from within.
-helper = threading.Timer(170, os._exit, [3])
-helper.daemon = True
-helper.start()
-
-
-async def first(stream, fits):
-    async for item in stream:
-        if fits(item):
-            return item
-
-
 async def main():
-    system = System(port=SERVER, sysid=254, compid=190)
-    await system.connect(system_address=f"udpin://127.0.0.1:{PORT}")
-    await first(system.core.connection_state(), lambda state: state.is_connected)
+    system = await connected(PORT, SERVER, 254)
     position = await first(system.telemetry.position_velocity_ned(), lambda ned: True)
     print("vehicle at", round(position.position.north_m, 2), "m north")
     await first(system.camera.camera_list(), lambda list: list.cameras)

@@ -4,12 +4,10 @@ usage: mavsdk_session.py TELEM1 COUNT
 """
 
 import asyncio
-import os
 import sys
-import threading
 
-from mavsdk import System
 from mavsdk.param import ParamError, ProtocolVersion
+from mavsdk_peer import connected, first
 from vehicle import PX4, Vehicle
 
 terminal, count = sys.argv[1], int(sys.argv[2])
@@ -18,22 +16,8 @@ PORT = 14571
 SERVER = 50071
 
 
-# A server that does not answer cannot be waited out from within.
-helper = threading.Timer(170, os._exit, [3])
-helper.daemon = True
-helper.start()
-
-
-async def first(stream, fits):
-    async for item in stream:
-        if fits(item):
-            return item
-
-
 async def main():
-    system = System(port=SERVER, sysid=255, compid=190)
-    await system.connect(system_address=f"udpin://127.0.0.1:{PORT}")
-    await first(system.core.connection_state(), lambda state: state.is_connected)
+    system = await connected(PORT, SERVER, 255)
     try:
         await system.param.select_component(191, ProtocolVersion.V1)
     except ParamError as error:
