@@ -67,7 +67,7 @@ pub(super) enum HoldAsk {
 enum Stage {
     Free,
     Reading { way: Way, tries: u8, answers: [Option<f32>; 2] },
-    Keeping { way: Way, asked: bool },
+    Keeping { asked: bool },
     Holding { wanted: f32, confirmed: bool, written_us: Option<u64> },
     Returning { present: Option<f32> },
     Refused { way: Way, refusal: Refusal },
@@ -103,7 +103,7 @@ impl Hold {
         if self.kept {
             return None;
         }
-        if let Stage::Keeping { asked, .. } = &mut self.stage
+        if let Stage::Keeping { asked } = &mut self.stage
             && core::mem::replace(asked, true)
         {
             return None;
@@ -113,18 +113,23 @@ impl Hold {
 
     /// It is kept, or cannot be.
     pub(super) fn kept(&mut self, ok: bool) {
-        if matches!(self.stage, Stage::Keeping { asked: false, .. }) {
+        if self.stage == (Stage::Keeping { asked: false }) {
             // The answer is to a value given back before: this one was not handed out yet.
             return;
         }
         self.kept = ok || !matches!(self.stage, Stage::Keeping { .. });
-        if let Stage::Keeping { way, .. } = self.stage
+        if let Stage::Keeping { .. } = self.stage
             && let Some(borrowed) = self.borrowed
         {
             self.asked_us = None;
             if ok {
                 self.stage = Stage::Holding { wanted: borrowed.value, confirmed: true, written_us: None };
             } else {
+                let way = if borrowed.parameter == LimitParameter::VelocityManual {
+                    Way::ManualParameter
+                } else {
+                    Way::LoiterParameter
+                };
                 self.borrowed = None;
                 self.kept = true;
                 self.stage = Stage::Refused { way, refusal: Refusal::NotKept };
@@ -279,7 +284,7 @@ impl Hold {
             (Some((parameter, value)), None) if parameter.is_plausible(value) => {
                 self.borrowed = Some(Borrowed { parameter, value });
                 self.kept = false;
-                Stage::Keeping { way, asked: false }
+                Stage::Keeping { asked: false }
             }
             (Some(_), None) => refused(Refusal::Implausible),
         };

@@ -6,10 +6,11 @@
 use adit_protocol::log::{Decoder, FORMAT, MAX_FRAME_BYTES, PARAMETERS_FILE, parameters_hash};
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::Record;
-use embedded_sdmmc::{BlockDevice, Mode, TimeSource, VolumeIdx};
+use embedded_sdmmc::{BlockDevice, Mode, TimeSource, VolumeIdx, VolumeManager};
 
-use super::error::RecorderError;
-use super::shelf;
+use super::card::layout_of;
+use super::error::{Doing, RecorderError};
+use super::guard::Guard;
 
 /// What the card offers.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,7 +32,8 @@ pub fn offered_parameters<D: BlockDevice, T: TimeSource>(
     device: &D,
     time: T,
 ) -> Result<Offer, RecorderError<D::Error>> {
-    let volumes = shelf::open(device, time)?;
+    let layout = layout_of(device).map_err(|error| RecorderError::Device { doing: Doing::Examining, error })??;
+    let volumes: VolumeManager<_, T, 1, 1, 1> = VolumeManager::new_with_limits(Guard::new(device, layout), time, 1);
     let mut bytes = [0; MAX_FRAME_BYTES];
     let read = (|| {
         let root = volumes.open_root_dir(volumes.open_raw_volume(VolumeIdx(0))?)?;

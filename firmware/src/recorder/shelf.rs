@@ -80,11 +80,7 @@ pub fn read_log<D: BlockDevice, T: TimeSource>(
     read.map_err(|error| failed(&volumes, Doing::Listing, error))
 }
 
-/// The card, if it is one that can be read.
-pub(super) fn open<D: BlockDevice, T: TimeSource>(
-    device: &D,
-    time: T,
-) -> Result<Volumes<'_, D, T>, RecorderError<D::Error>> {
+fn open<D: BlockDevice, T: TimeSource>(device: &D, time: T) -> Result<Volumes<'_, D, T>, RecorderError<D::Error>> {
     let layout = layout_of(device).map_err(|error| RecorderError::Device { doing: Doing::Examining, error })??;
     Ok(VolumeManager::new_with_limits(Guard::new(device, layout), time, 1))
 }

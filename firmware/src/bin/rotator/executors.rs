@@ -3,8 +3,6 @@
 
 use adit_firmware::controller::Controller;
 use adit_firmware::link::Link;
-#[cfg(not(feature = "hil"))]
-use adit_firmware::link::SERVICE_BAUD;
 use adit_protocol::parameters::{Parameters, RangeBus, Trigger};
 use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
@@ -71,7 +69,7 @@ pub(crate) fn run(board: Board, ready: Ready, controller: &'static mut Controlle
     middle.spawn(tasks::imu::watch(board.imu).unwrap());
     #[cfg(not(feature = "hil"))]
     let service = {
-        let (tx, rx) = board.service.open(SERVICE_BAUD, tasks::link::SERVICE_RING.take());
+        let (tx, rx) = tasks::link::open_service(board.service);
         middle.spawn(tasks::link::write_service(tx).unwrap());
         Some(rx)
     };

@@ -32,7 +32,6 @@ use embassy_stm32::peripherals::{
 use embassy_stm32::time::{Hertz, hz, khz, mhz};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
-use embassy_stm32::usart::{RingBufferedUartRx, Uart, UartTx};
 use embassy_stm32::{Peri, Peripherals, bind_interrupts, dma, mode, peripherals, sdmmc, spi, usart};
 use embassy_time::Delay;
 use embedded_hal_bus::spi::ExclusiveDevice;
@@ -127,21 +126,6 @@ pub(crate) struct ServiceParts {
     pub(crate) rx: Peri<'static, PD9>,
     pub(crate) tx_dma: Peri<'static, DMA1_CH3>,
     pub(crate) rx_dma: Peri<'static, DMA1_CH1>,
-}
-
-impl ServiceParts {
-    /// Opens the line at one of the rates that this program knows.
-    pub(crate) fn open(
-        self,
-        baud: u32,
-        ring: &'static mut [u8],
-    ) -> (UartTx<'static, mode::Async>, RingBufferedUartRx<'static>) {
-        let mut config = usart::Config::default();
-        config.baudrate = baud;
-        let uart = Uart::new(self.uart, self.rx, self.tx, self.tx_dma, self.rx_dma, Irqs, config);
-        let (tx, rx) = uart.expect("the rate is possible with these clocks").split();
-        (tx, rx.into_ring_buffered(ring))
-    }
 }
 
 /// The parts of the card's slot, from which the driver is made anew when the card was changed.

@@ -32,12 +32,19 @@ const STACK_PERIOD: Duration = Duration::from_secs(1);
 /// Frames on their way to the service line, which another task writes: neither line waits for the other.
 static SERVICE_FRAMES: Channel<CriticalSectionRawMutex, OutFrame, 4> = Channel::new();
 
-/// As [`RING`], for the service line: what comes in there is short.
-#[cfg(not(feature = "hil"))]
-pub(crate) static SERVICE_RING: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
-
 /// The service line's incoming half; in the `hil` build a simulator has its pins.
 pub(crate) type ServiceRx = Option<RingBufferedUartRx<'static>>;
+
+/// Opens the service line.
+#[cfg(not(feature = "hil"))]
+pub(crate) fn open_service(parts: crate::pins::ServiceParts) -> (UartTx<'static, Async>, RingBufferedUartRx<'static>) {
+    static RING: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
+    let mut config = usart::Config::default();
+    config.baudrate = adit_firmware::link::SERVICE_BAUD;
+    let uart = Uart::new(parts.uart, parts.rx, parts.tx, parts.tx_dma, parts.rx_dma, Irqs, config);
+    let (tx, rx) = uart.expect("the rate is possible with these clocks").split();
+    (tx, rx.into_ring_buffered(RING.take()))
+}
 
 /// Writes to the service line for ever.
 #[cfg(not(feature = "hil"))]

@@ -124,33 +124,22 @@ fn write_start(recorder: &mut Log<'_, '_, '_>, start: &Start) -> Result<(), Reco
     recorder.commit()
 }
 
-/// Reads from the card's logs what the link wants. A card that fails is answered with nothing: the link waits for it.
+/// Reads from the card's logs what the link wants.
 fn lend(device: &CardDevice<'_, '_>) -> Result<(), RecorderError<CardError>> {
     let Ok(wish) = LOG_WISHES.try_receive() else { return Ok(()) };
-    let (answer, outcome) = match wish {
-        LogWish::List => {
-            let (list, outcome) = parted(logs(device, NoClock));
-            (LogAnswer::List(list), outcome)
-        }
+    let answer = match wish {
+        LogWish::List => LogAnswer::List(logs(device, NoClock)?),
         LogWish::Read { number, offset } => {
             let mut bytes = LogBytes::new();
             // There is room for just that many.
             let _ = bytes.resize_default(READ_BYTES);
-            let (count, outcome) = parted(read_log(device, NoClock, number, offset, &mut bytes));
+            let count = read_log(device, NoClock, number, offset, &mut bytes)?;
             bytes.truncate(count);
-            (LogAnswer::Read(bytes), outcome)
+            LogAnswer::Read(bytes)
         }
     };
     let _ = LOG_ANSWERS.try_send((wish, answer));
-    outcome
-}
-
-/// What there is, or nothing, and whether that is for an error.
-fn parted<T: Default, E>(result: Result<T, E>) -> (T, Result<(), E>) {
-    match result {
-        Ok(value) => (value, Ok(())),
-        Err(error) => (T::default(), Err(error)),
-    }
+    Ok(())
 }
 
 /// Everything that waits; when nothing does, the file is made longer ahead of need.

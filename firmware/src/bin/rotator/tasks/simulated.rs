@@ -4,12 +4,13 @@ use adit_firmware::controller::Controller;
 use adit_firmware::health::Task;
 use adit_firmware::hil::{self, Answer, Decoder, Question};
 use adit_protocol::log::parameters_hash;
+use embassy_stm32::usart::{self, Uart};
 use embassy_time::{Duration, Instant, with_timeout};
 use static_cell::ConstStaticCell;
 
 use crate::actuators::{apply, publish};
 use crate::blackboard::{CHECK_INS, now_us};
-use crate::pins::{Rig, ServiceParts};
+use crate::pins::{Irqs, Rig, ServiceParts};
 use crate::statistics::STEP;
 
 /// It reports at least this often.
@@ -20,7 +21,11 @@ static RING: ConstStaticCell<[u8; 4096]> = ConstStaticCell::new([0; 4096]);
 /// Answers for ever.
 #[embassy_executor::task]
 pub(crate) async fn answer(parts: ServiceParts, controller: &'static mut Controller, mut rig: Rig) -> ! {
-    let (mut tx, mut rx) = parts.open(hil::BAUD, RING.take());
+    let mut config = usart::Config::default();
+    config.baudrate = hil::BAUD;
+    let uart = Uart::new(parts.uart, parts.rx, parts.tx, parts.tx_dma, parts.rx_dma, Irqs, config);
+    let (mut tx, rx) = uart.expect("the rate is possible with these clocks").split();
+    let mut rx = rx.into_ring_buffered(RING.take());
     let mut decoder = Decoder::default();
     let mut last = Last { now_us: None, bytes: heapless::Vec::new() };
     let mut bytes = [0; 256];
