@@ -27,7 +27,9 @@ fn match_twelve_photos(bencher: Bencher<'_, '_>, stage: &str) {
     } else {
         (MatchConfig::fine(native_m), sample.perturbed(0.002, 0.001, 7))
     };
-    bencher.bench(|| match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), &config, &|_| ()));
+    bencher.bench(|| {
+        match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), &config, &|_| true, &|_| ())
+    });
 }
 
 /// One iteration of the adjustment (linearise, eliminate the points, factor, step, new cost) of a spiral with 150 points per photo,

@@ -121,7 +121,8 @@ fn a_bulging_wall_is_matched_where_it_is_and_not_where_the_section_says() {
     let sample = photographed(wall, 9);
     let config = MatchConfig::fine(MatchConfig::native_m(&sample.profile, &sample.camera));
     let poses = sample.perturbed(0.002, 0.05_f64.to_radians(), 7);
-    let round = match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), &config, &|_| ());
+    let round =
+        match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), &config, &|_| true, &|_| ());
     let transfer = Transfer::new(&round, &sample.camera, &sample.truth, |pose, pixel| wall.hit(pose, pixel));
     describe("own wall, bulging", &round, &transfer);
     let kept = round.pairs.iter().filter(|pair| pair.kept).count();

@@ -43,7 +43,7 @@ impl<'a> PairMotion<'a> {
         let rows: Vec<Row> = matches.iter().map(|one| row(&one.point, poses)).collect();
         // A match is good to a third of the gate.
         let information = 9.0 / (gate_m * gate_m);
-        let prior = prior_information(poses);
+        let prior = prior_variances(poses).map(f64::recip);
         let mut motion = SVector::<f64, UNKNOWNS>::zeros();
         let start_m = reach_m.max(2.0 * gate_m);
         for step in 0..STEPS {
@@ -86,15 +86,26 @@ fn row(point: &WallPoint, poses: [&ViewPose; 2]) -> Row {
     row
 }
 
-fn prior_information(poses: [&ViewPose; 2]) -> SVector<f64, UNKNOWNS> {
-    SVector::from_fn(|index, _| {
-        let pose = poses[index / 6];
+/// Variances of both motions; the drift between the photos is put on the second one's x.
+fn prior_variances(poses: [&ViewPose; 2]) -> SVector<f64, UNKNOWNS> {
+    let mut variances = SVector::from_fn(|index, _| {
+        let (pose, axis) = (poses[index / 6], index % 3);
         let sigma = if index % 6 < 3 {
-            pose.position_sigma_m.max(POSE_FLOOR[0])
+            pose.position_sigma_m[axis].max(POSE_FLOOR[0])
         } else {
-            pose.rotation_sigma_rad.max(POSE_FLOOR[1])
+            pose.rotation_sigma_rad[axis].max(POSE_FLOOR[1])
         };
-        1.0 / (sigma * sigma)
+        sigma * sigma
+    });
+    variances[6] += (poses[1].drift_m - poses[0].drift_m).powi(2);
+    variances
+}
+
+/// One standard deviation `[s, x]`, metres, of the displacement between two photos at a wall point.
+pub(super) fn displacement_sigma_m(point: &WallPoint, poses: [&ViewPose; 2]) -> [f64; 2] {
+    let (row, variances) = (row(point, poses), prior_variances(poses));
+    [0, 1].map(|axis| {
+        row.row(axis).iter().zip(&variances).map(|(slope, variance)| slope * slope * variance).sum::<f64>().sqrt()
     })
 }
 
@@ -164,8 +175,9 @@ mod tests {
         let profile = underpass();
         let pose = |x_m: f64| ViewPose {
             tunnel_from_cam: Isometry3::translation(x_m, 0.0, 0.0),
-            position_sigma_m: 0.03,
-            rotation_sigma_rad: 0.03,
+            position_sigma_m: [0.03; 3],
+            rotation_sigma_rad: [0.03; 3],
+            drift_m: 0.0,
         };
         let poses = [pose(0.0), pose(0.5)];
         let motion = SVector::<f64, 6>::from([0.02, -0.01, 0.03, 0.02, -0.03, 0.01]);

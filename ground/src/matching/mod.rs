@@ -60,21 +60,19 @@ use crate::raster::{Grey, Mask};
 pub struct ViewPose {
     /// The pose.
     pub tunnel_from_cam: Isometry3<f64>,
-    /// One standard deviation of the optical centre, per axis, metres.
-    pub position_sigma_m: f64,
-    /// One standard deviation of the rotation, per axis, radians.
-    pub rotation_sigma_rad: f64,
+    /// One standard deviation of the optical centre along the tunnel's axes, metres: the photo's own part.
+    pub position_sigma_m: [f64; 3],
+    /// One standard deviation of the rotation about the tunnel's axes, radians.
+    pub rotation_sigma_rad: [f64; 3],
+    /// The part of x that is uncertain in common with the neighbours, such as an odometer's scale times the way gone: the
+    /// difference between two photos is one more standard deviation of their distance along the axis.
+    pub drift_m: f64,
 }
 
 impl ViewPose {
     /// Optical centre in the tunnel frame.
     pub(crate) fn centre(&self) -> Point3<f64> {
         Point3::from(self.tunnel_from_cam.translation.vector)
-    }
-
-    /// One standard deviation, per axis, of where a wall point `distance_m` away is believed to lie.
-    fn displacement_sigma_m(&self, distance_m: f64) -> f64 {
-        self.position_sigma_m.hypot(self.rotation_sigma_rad * distance_m)
     }
 }
 
@@ -142,6 +140,8 @@ pub struct PairReport {
     pub kept: bool,
     /// The search was repeated in a wider window.
     pub widened: bool,
+    /// Not searched at all: the poses are too uncertain against each other for the greatest window.
+    pub too_uncertain: bool,
 }
 
 impl PairReport {

@@ -43,12 +43,14 @@ pub(super) fn expected_pairs(
     pairs
 }
 
-/// For every photo the last later photo that it is paired with; itself if none.
-pub(super) fn last_needed(pairs: &[ExpectedPair], photos: usize) -> Vec<usize> {
-    let mut last: Vec<usize> = (0..photos).collect();
+/// For every photo the last photo for whose sake it must be held, itself included; `None` if it is in no pair.
+pub(super) fn last_needed(pairs: &[ExpectedPair], photos: usize) -> Vec<Option<usize>> {
+    let mut last = vec![None; photos];
     for pair in pairs {
-        let [earlier, later] = pair.photos;
-        last[earlier] = last[earlier].max(later);
+        let later = pair.photos[1];
+        for photo in pair.photos {
+            last[photo] = last[photo].max(Some(later));
+        }
     }
     last
 }
@@ -67,7 +69,7 @@ mod tests {
         let footprints = [Some(footprint(0)), Some(footprint(4)), None, Some(footprint(8))];
         let photos: Vec<_> = expected_pairs(&footprints, 50, 0.3, 9).iter().map(|pair| pair.photos).collect();
         assert_eq!(photos, [[0, 1], [1, 3]]);
-        assert_eq!(last_needed(&expected_pairs(&footprints, 50, 0.3, 9), 4), [1, 3, 2, 3]);
+        assert_eq!(last_needed(&expected_pairs(&footprints, 50, 0.3, 9), 4), [Some(1), Some(3), None, Some(3)]);
     }
 
     #[test]

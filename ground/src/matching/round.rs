@@ -6,7 +6,7 @@ use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
-use super::coherence::{Displacement, PairMotion};
+use super::coherence::{Displacement, PairMotion, displacement_sigma_m};
 use super::pairs::{ExpectedPair, expected_pairs, last_needed};
 use super::patch::Patch;
 use super::search::{Search, SearchSize};
@@ -17,8 +17,14 @@ use crate::poses::Sighting;
 /// Points of a pair that are searched for in the whole window before the others, about.
 const PROBES: usize = 16;
 
+/// Probes of a pair that does not agree at once, before it is given up.
+const MOST_PROBES: usize = 48;
+
 /// Share of the probes' matches that must agree for the others to be searched for near their prediction only.
 const PROBES_AGREEING: f64 = 0.7;
+
+/// Points at which the uncertainty of a pair's displacement is looked at.
+const WINDOW_SAMPLES: usize = 5;
 
 /// A reference point that another photo should see.
 #[derive(Clone, Copy, Debug)]
@@ -64,20 +70,23 @@ struct Round<'a> {
 /// Matches every two photos that should overlap.
 ///
 /// `poses` are one per photo, in order of capture (photos that overlap should be near in the order: it bounds memory).
-/// `progress` is told the number of photos done. The result does not depend on the number of threads.
+/// Only pairs that are `wanted` are tried. `progress` is told the number of photos done. The result does not depend on
+/// the number of threads.
 pub fn match_round<P: Photos + ?Sized>(
     profile: &Profile<f64>,
     camera: &Camera<f64>,
     poses: &[ViewPose],
     photos: &P,
     config: &MatchConfig,
+    wanted: &dyn Fn([usize; 2]) -> bool,
     progress: &dyn Fn(usize),
 ) -> MatchRound {
     let grid = WallGrid::new(profile, camera, config.grid_m, config.max_incidence_rad);
     let round = Round { grid, poses, config };
     let footprints: Vec<Option<Footprint>> =
         poses.par_iter().map(|pose| Footprint::new(&round.grid, &pose.tunnel_from_cam)).collect();
-    let expected = expected_pairs(&footprints, round.blocks_around(), config.min_overlap, config.max_partners);
+    let mut expected = expected_pairs(&footprints, round.blocks_around(), config.min_overlap, config.max_partners);
+    expected.retain(|pair| wanted(pair.photos));
     let last_needed = last_needed(&expected, poses.len());
     let mut patches: Patches = vec![None; poses.len()];
     let mut tracks: Vec<Vec<StarTrack>> = vec![Vec::new(); poses.len()];
@@ -88,12 +97,18 @@ pub fn match_round<P: Photos + ?Sized>(
         let end = (start + batch).min(poses.len());
         let loaded: Patches = (start..end)
             .into_par_iter()
-            .map(|photo| round.patch(photo, footprints[photo].as_ref()?, photos).map(Arc::new))
+            .map(|photo| {
+                last_needed[photo]?;
+                round.patch(photo, footprints[photo].as_ref()?, photos).map(Arc::new)
+            })
             .collect();
         for (photo, patch) in (start..end).zip(loaded) {
             match &patch {
                 Some(patch) => tracks[photo] = round.empty_tracks(photo, patch),
-                None => result.unusable.push(photo as u32),
+                None if last_needed[photo].is_some() || footprints[photo].is_none() => {
+                    result.unusable.push(photo as u32);
+                }
+                None => {}
             }
             patches[photo] = patch;
         }
@@ -106,7 +121,7 @@ pub fn match_round<P: Photos + ?Sized>(
             result.pairs.push(report);
         }
         for photo in 0..end {
-            if last_needed[photo] < end {
+            if last_needed[photo].is_none_or(|last| last < end) {
                 patches[photo] = None;
             }
         }
@@ -158,77 +173,50 @@ impl Round<'_> {
         if overlap < self.config.min_overlap {
             return None;
         }
-        let reach_px = self.reach_px(expected.photos, pair);
-        let (mut report, mut matches) = self.search_pair(expected.photos, pair, reach_px, search);
+        let candidates = self.candidates(pair);
+        let reach_px = self.reach_px(expected.photos, &candidates);
+        let mut report = PairReport {
+            first: first as u32,
+            second: second as u32,
+            overlap,
+            attempted: candidates.len() as u32,
+            matched: 0,
+            agreeing: 0,
+            kept: false,
+            widened: false,
+            too_uncertain: reach_px.iter().any(|&reach| reach > self.config.max_search_px),
+        };
+        if report.too_uncertain {
+            return Some((report, Vec::new()));
+        }
+        let searched = PairSearch { round: self, photos: expected.photos, pair, candidates: &candidates };
+        let mut matches = searched.run(reach_px, search, &mut report);
         if report.is_doubtful() && self.config.widen > 1.0 {
-            let wider_px = (reach_px as f64 * self.config.widen).round() as usize;
-            let (again, found) = self.search_pair(expected.photos, pair, wider_px, search);
+            let wider_px = reach_px.map(|reach| (reach as f64 * self.config.widen).round() as usize);
+            let mut again = PairReport { widened: true, ..report };
+            let found = searched.run(wider_px, search, &mut again);
+            report.widened = true;
             if again.agreeing > report.agreeing {
                 (report, matches) = (again, found);
             }
-            report.widened = true;
         }
-        report.overlap = overlap;
         Some((report, matches))
     }
 
-    /// Half-width of the search: the prior's uncertainty of the displacement between the two photos.
-    fn reach_px(&self, photos: [usize; 2], pair: [&Patch; 2]) -> usize {
-        let sigma_m = [0, 1].map(|end| self.poses[photos[end]].displacement_sigma_m(pair[end].footprint.distance_m));
-        let reach_m = self.config.search_sigmas * sigma_m[0].hypot(sigma_m[1]);
-        let reach_px = (reach_m / self.grid.step_m).ceil() as usize;
-        reach_px.min(self.config.max_search_px).max(self.config.min_search_px)
-    }
-
-    fn search_pair(
-        &self,
-        photos: [usize; 2],
-        pair: [&Patch; 2],
-        reach_px: usize,
-        search: &mut Search,
-    ) -> (PairReport, Vec<Match>) {
-        let candidates = self.candidates(pair);
-        let (wide, narrow) = (self.size(reach_px), self.size(self.narrow_px()));
-        let mut matches = Vec::new();
-        let mut find = |candidate: &Candidate, offset: [i64; 2], size: &SearchSize, matches: &mut Vec<Match>| {
-            let (source, target) = (pair[candidate.from], pair[1 - candidate.from]);
-            let middle = [0, 1].map(|axis| candidate.predicted[axis] + offset[axis]);
-            if let Some(peak) = search.find(source, candidate.place, target, middle, size) {
-                let displacement = [0, 1].map(|axis| peak.offset[axis] + offset[axis] as f64);
-                matches.push(Match { candidate: *candidate, displacement, ncc: peak.ncc });
-            }
-        };
-        // A few probes are searched for in the whole window. If they clearly agree, the others are near their prediction.
-        let stride = if 2 * narrow.reach < reach_px { (candidates.len() / PROBES).max(1) } else { 1 };
-        for probe in candidates.iter().step_by(stride) {
-            find(probe, [0, 0], &wide, &mut matches);
-        }
-        if stride > 1 {
-            let motion = self.motion(photos, &matches, reach_px);
-            let agreeing = matches.iter().filter(|one| self.agrees(&motion, one)).count();
-            let clear = agreeing as f64 >= (PROBES_AGREEING * matches.len() as f64).max(0.5 * PROBES as f64);
-            for (_, candidate) in candidates.iter().enumerate().filter(|(index, _)| index % stride != 0) {
-                match clear.then(|| self.predicted_offset(&motion, candidate)).flatten() {
-                    Some(offset) => find(candidate, offset, &narrow, &mut matches),
-                    None => find(candidate, [0, 0], &wide, &mut matches),
-                }
+    /// Half-width and half-height of the search: the uncertainty of the displacement between the two photos.
+    fn reach_px(&self, photos: [usize; 2], candidates: &[Candidate]) -> [usize; 2] {
+        let poses = photos.map(|photo| &self.poses[photo]);
+        let mut sigma_m = [0.0_f64; 2];
+        for candidate in candidates.iter().step_by((candidates.len() / WINDOW_SAMPLES).max(1)) {
+            if let Some(point) = self.grid.point(candidate.reference[0], candidate.reference[1]) {
+                let here_m = displacement_sigma_m(&point, poses);
+                sigma_m = [0, 1].map(|axis| sigma_m[axis].max(here_m[axis]));
             }
         }
-        let matched = matches.len();
-        let motion = self.motion(photos, &matches, reach_px);
-        matches.retain(|one| self.agrees(&motion, one));
-        let least = (self.config.min_agreeing_share * matched as f64).max(self.config.min_agreeing as f64);
-        let report = PairReport {
-            first: photos[0] as u32,
-            second: photos[1] as u32,
-            overlap: 0.0,
-            attempted: candidates.len() as u32,
-            matched: matched as u32,
-            agreeing: matches.len() as u32,
-            kept: matches.len() as f64 >= least,
-            widened: false,
-        };
-        (report, matches)
+        sigma_m.map(|sigma_m| {
+            let reach_px = (self.config.search_sigmas * sigma_m / self.grid.step_m).ceil() as usize;
+            reach_px.max(self.config.min_search_px)
+        })
     }
 
     /// Reference points of both photos that the other should see, by the poses.
@@ -257,7 +245,7 @@ impl Round<'_> {
         candidates
     }
 
-    fn size(&self, reach: usize) -> SearchSize {
+    fn size(&self, reach: [usize; 2]) -> SearchSize {
         SearchSize { half: self.config.template_px / 2, reach, min_ncc: self.config.min_ncc }
     }
 
@@ -266,11 +254,12 @@ impl Round<'_> {
         ((2.0 * self.config.gate_px).ceil() as usize + 2).max(self.config.min_search_px)
     }
 
-    fn motion(&self, photos: [usize; 2], matches: &[Match], reach_px: usize) -> PairMotion<'_> {
+    fn motion(&self, photos: [usize; 2], matches: &[Match], reach_px: [usize; 2]) -> PairMotion<'_> {
         let displacements: Vec<Displacement> = matches.iter().filter_map(|one| self.displacement(one)).collect();
         let step_m = self.grid.step_m;
         let poses = photos.map(|photo| &self.poses[photo]);
-        PairMotion::fit(&displacements, poses, reach_px as f64 * step_m, self.config.gate_px * step_m)
+        let reach_m = reach_px[0].max(reach_px[1]) as f64 * step_m;
+        PairMotion::fit(&displacements, poses, reach_m, self.config.gate_px * step_m)
     }
 
     fn agrees(&self, motion: &PairMotion<'_>, one: &Match) -> bool {
@@ -307,6 +296,75 @@ impl Round<'_> {
                 track.others.push(FoundSighting { sighting, ncc: one.ncc });
             }
         }
+    }
+}
+
+/// A pair about to be searched.
+struct PairSearch<'a> {
+    round: &'a Round<'a>,
+    photos: [usize; 2],
+    pair: [&'a Patch; 2],
+    candidates: &'a [Candidate],
+}
+
+impl PairSearch<'_> {
+    /// Searches the pair's points in a window and keeps what agrees with one motion.
+    ///
+    /// A few probes are searched for in the whole window. If they clearly agree, the others are near their prediction; if
+    /// even the most probes hardly agree, the others would not either.
+    fn run(&self, reach_px: [usize; 2], search: &mut Search, report: &mut PairReport) -> Vec<Match> {
+        let round = self.round;
+        let (wide, narrow) = (round.size(reach_px), round.size([round.narrow_px(); 2]));
+        let count = self.candidates.len();
+        let worth_probing = 2 * narrow.reach[0].max(narrow.reach[1]) < reach_px[0].max(reach_px[1]);
+        let mut probed = vec![false; count];
+        let mut matches = Vec::new();
+        let mut tries = 0;
+        let mut clear = None;
+        for most in if worth_probing { [PROBES, MOST_PROBES] } else { [count; 2] } {
+            let stride = (count / most.max(1)).max(1);
+            for index in (0..count).step_by(stride) {
+                if !std::mem::replace(&mut probed[index], true) {
+                    tries += 1;
+                    matches.extend(self.find(&self.candidates[index], [0, 0], &wide, search));
+                }
+            }
+            if !worth_probing {
+                break;
+            }
+            let motion = round.motion(self.photos, &matches, reach_px);
+            let agreeing = matches.iter().filter(|one| round.agrees(&motion, one)).count();
+            if agreeing as f64 >= (PROBES_AGREEING * matches.len() as f64).max(0.5 * PROBES as f64) {
+                clear = Some(motion);
+                break;
+            }
+            if tries >= MOST_PROBES && agreeing < round.config.min_agreeing {
+                report.matched = matches.len() as u32;
+                return Vec::new();
+            }
+        }
+        for (candidate, _) in self.candidates.iter().zip(&probed).filter(|(_, probed)| !**probed) {
+            let offset = clear.as_ref().and_then(|motion| round.predicted_offset(motion, candidate));
+            matches.extend(match offset {
+                Some(offset) => self.find(candidate, offset, &narrow, search),
+                None => self.find(candidate, [0, 0], &wide, search),
+            });
+        }
+        report.matched = matches.len() as u32;
+        let motion = round.motion(self.photos, &matches, reach_px);
+        matches.retain(|one| round.agrees(&motion, one));
+        report.agreeing = matches.len() as u32;
+        let least = (round.config.min_agreeing_share * f64::from(report.matched)).max(round.config.min_agreeing as f64);
+        report.kept = f64::from(report.agreeing) >= least;
+        matches
+    }
+
+    fn find(&self, candidate: &Candidate, offset: [i64; 2], size: &SearchSize, search: &mut Search) -> Option<Match> {
+        let (source, target) = (self.pair[candidate.from], self.pair[1 - candidate.from]);
+        let middle = [0, 1].map(|axis| candidate.predicted[axis] + offset[axis]);
+        let peak = search.find(source, candidate.place, target, middle, size)?;
+        let displacement = [0, 1].map(|axis| peak.offset[axis] + offset[axis] as f64);
+        Some(Match { candidate: *candidate, displacement, ncc: peak.ncc })
     }
 }
 

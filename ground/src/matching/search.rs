@@ -31,7 +31,7 @@ impl Search {
     /// Finds the template around `point` of `from` near `target` (column and row in the window of `to`).
     ///
     /// `None` if the best place lies on the border of the search, touches wall that `to` did not see, or correlates less
-    /// than `min_ncc`. Cost: `(2 reach + 1)^2` times the template's area in multiply-adds.
+    /// than `min_ncc`. Cost: the search window times the template's area in multiply-adds.
     pub(super) fn find(
         &mut self,
         from: &Patch,
@@ -42,10 +42,10 @@ impl Search {
     ) -> Option<Peak> {
         self.take_template(from, point, size);
         self.take_window(to, target, size);
-        let span = 2 * size.reach + 1;
-        let columns = span.next_multiple_of(GROUP);
+        let span = size.span();
+        let columns = span[0].next_multiple_of(GROUP);
         self.scores.clear();
-        self.scores.resize(span * columns, 0.0);
+        self.scores.resize(span[1] * columns, 0.0);
         Arch::new().dispatch(Correlate {
             template: &self.template,
             template_stride: size.template_stride(),
@@ -63,7 +63,7 @@ impl Search {
         self.template.clear();
         self.template.resize(side * stride, 0.0);
         let corner = point.map(|middle| middle as i64 - size.half as i64);
-        copy_square(from, corner, side, side, &mut self.template, stride);
+        copy_rectangle(from, corner, [side; 2], &mut self.template, stride);
         let mut sum = 0.0;
         for row in self.template.chunks_exact(stride) {
             sum += row[..side].iter().sum::<f32>();
@@ -78,15 +78,15 @@ impl Search {
 
     fn take_window(&mut self, to: &Patch, target: [i64; 2], size: &SearchSize) {
         let stride = size.window_stride();
-        let side = 2 * (size.half + size.reach) + 1;
+        let side = size.reach.map(|reach| 2 * (size.half + reach) + 1);
         self.window.clear();
-        self.window.resize(side * stride, 0.0);
-        let corner = target.map(|middle| middle - (size.half + size.reach) as i64);
-        copy_square(to, corner, side, side, &mut self.window, stride);
+        self.window.resize(side[1] * stride, 0.0);
+        let corner = [0, 1].map(|axis| target[axis] - (size.half + size.reach[axis]) as i64);
+        copy_rectangle(to, corner, side, &mut self.window, stride);
     }
 
     fn normalise(&mut self, to: &Patch, target: [i64; 2], size: &SearchSize, columns: usize) {
-        let corner = target.map(|middle| middle - size.reach as i64);
+        let corner = [0, 1].map(|axis| target[axis] - size.reach[axis] as i64);
         let skip = (-corner[0]).clamp(0, columns as i64) as usize;
         let end = (to.texels.width as i64 - corner[0]).clamp(skip as i64, columns as i64) as usize;
         for (offset, scores) in self.scores.chunks_exact_mut(columns).enumerate() {
@@ -105,17 +105,17 @@ impl Search {
         }
     }
 
-    fn peak(&self, span: usize, columns: usize, min_ncc: f32) -> Option<Peak> {
+    fn peak(&self, span: [usize; 2], columns: usize, min_ncc: f32) -> Option<Peak> {
         let (mut best, mut at) = (min_ncc, None);
         for (row, scores) in self.scores.chunks_exact(columns).enumerate() {
-            for (column, &score) in scores[..span].iter().enumerate() {
+            for (column, &score) in scores[..span[0]].iter().enumerate() {
                 if score >= best {
                     (best, at) = (score, Some((column, row)));
                 }
             }
         }
         let (column, row) = at?;
-        if column == 0 || row == 0 || column + 1 == span || row + 1 == span {
+        if column == 0 || row == 0 || column + 1 == span[0] || row + 1 == span[1] {
             return None;
         }
         let around: [[f32; 3]; 3] =
@@ -124,8 +124,8 @@ impl Search {
             return None;
         }
         let [dx, dy] = quadratic_peak(&around)?;
-        let reach = (span / 2) as f64;
-        Some(Peak { offset: [column as f64 - reach + dx, row as f64 - reach + dy], ncc: best })
+        let reach = span.map(|side| (side / 2) as f64);
+        Some(Peak { offset: [column as f64 - reach[0] + dx, row as f64 - reach[1] + dy], ncc: best })
     }
 }
 
@@ -134,8 +134,8 @@ impl Search {
 pub(super) struct SearchSize {
     /// Half the template's side.
     pub(super) half: usize,
-    /// Half the search window's side.
-    pub(super) reach: usize,
+    /// Half the search window's width and height.
+    pub(super) reach: [usize; 2],
     pub(super) min_ncc: f32,
 }
 
@@ -145,12 +145,17 @@ impl SearchSize {
     }
 
     fn window_stride(&self) -> usize {
-        (2 * self.reach + 1).next_multiple_of(GROUP) + self.template_stride()
+        self.span()[0].next_multiple_of(GROUP) + self.template_stride()
+    }
+
+    /// Columns and rows of the search window.
+    fn span(&self) -> [usize; 2] {
+        self.reach.map(|reach| 2 * reach + 1)
     }
 }
 
 /// Copies a rectangle of a patch; what lies beyond the patch stays as it was.
-fn copy_square(from: &Patch, corner: [i64; 2], width: usize, height: usize, target: &mut [f32], stride: usize) {
+fn copy_rectangle(from: &Patch, corner: [i64; 2], [width, height]: [usize; 2], target: &mut [f32], stride: usize) {
     let skip = (-corner[0]).clamp(0, width as i64) as usize;
     let end = (from.texels.width as i64 - corner[0]).clamp(0, width as i64) as usize;
     if skip >= end {

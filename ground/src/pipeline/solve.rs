@@ -296,13 +296,14 @@ impl<'a> Solver<'a> {
             .zip(sigmas)
             .map(|(pose, &[position_sigma_m, rotation_sigma_rad])| ViewPose {
                 tunnel_from_cam: *pose,
-                position_sigma_m,
-                rotation_sigma_rad,
+                position_sigma_m: [position_sigma_m; 3],
+                rotation_sigma_rad: [rotation_sigma_rad; 3],
+                drift_m: 0.0,
             })
             .collect();
         let photos = SurveyPhotos::new(self.survey, self.options.prune_mask);
         let camera = &self.survey.config.camera.camera;
-        let round = match_round(&self.profile, camera, &views, &photos, config, &|done| progress.set(done));
+        let round = match_round(&self.profile, camera, &views, &photos, config, &|_| true, &|done| progress.set(done));
         let name = |photo: usize| self.survey.photos[photo].path.display().to_string();
         let losses = photos.faults().into_iter().map(|(photo, why)| Loss::new(name(photo), why)).collect();
         (round, losses)

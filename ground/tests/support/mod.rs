@@ -94,7 +94,12 @@ impl Sample {
             let translation = Translation3::from(pose.translation.vector + draw(position_sigma_m));
             let rotation = pose.rotation * UnitQuaternion::from_scaled_axis(draw(rotation_sigma_rad));
             let tunnel_from_cam = Isometry3::from_parts(translation, rotation);
-            ViewPose { tunnel_from_cam, position_sigma_m, rotation_sigma_rad }
+            ViewPose {
+                tunnel_from_cam,
+                position_sigma_m: [position_sigma_m; 3],
+                rotation_sigma_rad: [rotation_sigma_rad; 3],
+                drift_m: 0.0,
+            }
         };
         self.truth.iter().map(&mut perturb).collect()
     }
