@@ -92,6 +92,40 @@ pub enum ProfileError {
 }
 
 impl<T: Real> ProfileSpec<T> {
+    /// The same shape with all lengths, those of the axis' place included, times `factor`.
+    #[must_use]
+    pub fn scaled(&self, factor: T) -> Self {
+        match self {
+            Self::Circle { radius_m } => Self::Circle { radius_m: *radius_m * factor },
+            Self::Rectangle { width_m, height_m, axis_height_m } => Self::Rectangle {
+                width_m: *width_m * factor,
+                height_m: *height_m * factor,
+                axis_height_m: *axis_height_m * factor,
+            },
+            Self::Underpass { width_m, wall_m, rise_m, axis_height_m } => Self::Underpass {
+                width_m: *width_m * factor,
+                wall_m: *wall_m * factor,
+                rise_m: *rise_m * factor,
+                axis_height_m: *axis_height_m * factor,
+            },
+            Self::Horseshoe { width_m, wall_m, axis_height_m } => Self::Horseshoe {
+                width_m: *width_m * factor,
+                wall_m: *wall_m * factor,
+                axis_height_m: *axis_height_m * factor,
+            },
+            Self::Chain { vertices } => Self::Chain {
+                vertices: vertices
+                    .iter()
+                    .map(|vertex| ChainVertex {
+                        y_m: vertex.y_m * factor,
+                        z_m: vertex.z_m * factor,
+                        bulge: vertex.bulge,
+                    })
+                    .collect(),
+            },
+        }
+    }
+
     /// Builds the profile.
     ///
     /// # Errors

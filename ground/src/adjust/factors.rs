@@ -242,6 +242,7 @@ mod tests {
         let beam = |y: f64, z: f64| Beam { direction: Vector3::new(0.0, y, z), measured_m: 2.9 };
         TagPrior {
             shaft_rad: 0.81,
+            rotation_sigma_rad: [0.024, 0.017, 0.017],
             attitude_rad: Some([0.01, 0.005, -0.02]),
             beams: vec![beam(0.0, -1.0), beam(1.0, 0.0), beam(-1.0, 0.0)],
             range_head_m: Some(2.95),

@@ -14,6 +14,7 @@ mod factors;
 mod problem;
 mod prune;
 mod system;
+pub mod tracks;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};

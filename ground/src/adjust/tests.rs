@@ -59,6 +59,7 @@ fn tunnel(photos: usize, pixel_px: f64, seed: u64) -> Tunnel {
         });
         tags.push(TagPrior {
             shaft_rad: shaft + noise(0.017),
+            rotation_sigma_rad: [0.024, 0.017, 0.017],
             attitude_rad: None,
             beams: beams.to_vec(),
             range_head_m: None,

@@ -52,11 +52,11 @@ use nalgebra::{Isometry3, Point3};
 pub use config::MatchConfig;
 pub use round::match_round;
 
-use crate::poses::Sighting;
+use crate::adjust::tracks::Tracks;
 use crate::raster::{Grey, Mask};
 
 /// A photo's pose as known before the round, with its uncertainty.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ViewPose {
     /// The pose.
     pub tunnel_from_cam: Isometry3<f64>,
@@ -99,28 +99,6 @@ impl Photos for [Pixels<'_>] {
     }
 }
 
-/// A photo that found a reference point.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FoundSighting {
-    /// Where it found it.
-    pub sighting: Sighting,
-    /// Normalised cross-correlation, at most 1.
-    pub ncc: f32,
-}
-
-/// A reference point of one photo and every photo that found it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StarTrack {
-    /// Where the reference point lies.
-    pub reference: Sighting,
-    /// The other photos, at least one.
-    pub others: Vec<FoundSighting>,
-    /// Place on the nominal wall by the round's poses: arc length, metres.
-    pub s_m: f64,
-    /// Place on the nominal wall by the round's poses: along the axis, metres.
-    pub x_m: f64,
-}
-
 /// What became of a pair that should overlap.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PairReport {
@@ -154,8 +132,9 @@ impl PairReport {
 /// Result of a round.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MatchRound {
-    /// Reference points with the photos that found them, in order of the reference photo.
-    pub tracks: Vec<StarTrack>,
+    /// Reference points that another photo found, where they lie on the section by the round's poses. The first observation of
+    /// each is the reference itself; then come the photos that found it.
+    pub tracks: Tracks,
     /// Every pair that should overlap.
     pub pairs: Vec<PairReport>,
     /// Photos that took no part: unreadable, of another size than the camera's, or with no wall in view by their pose.

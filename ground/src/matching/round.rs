@@ -11,8 +11,8 @@ use super::pairs::{ExpectedPair, expected_pairs, last_needed};
 use super::patch::Patch;
 use super::search::{Search, SearchSize};
 use super::wall::{BLOCK, Footprint, WallGrid};
-use super::{FoundSighting, MatchConfig, MatchRound, PairReport, Photos, Pixels, StarTrack, ViewPose};
-use crate::poses::Sighting;
+use super::{MatchConfig, MatchRound, PairReport, Photos, Pixels, ViewPose};
+use crate::adjust::tracks::{Observation, Tracks};
 
 /// Points of a pair that are searched for in the whole window before the others, about.
 const PROBES: usize = 16;
@@ -54,7 +54,6 @@ struct Match {
     candidate: Candidate,
     /// Where it was found minus where it was predicted, texels.
     displacement: [f64; 2],
-    ncc: f32,
 }
 
 /// Photos as loaded so far.
@@ -89,7 +88,7 @@ pub fn match_round<P: Photos + ?Sized>(
     expected.retain(|pair| wanted(pair.photos));
     let last_needed = last_needed(&expected, poses.len());
     let mut patches: Patches = vec![None; poses.len()];
-    let mut tracks: Vec<Vec<StarTrack>> = vec![Vec::new(); poses.len()];
+    let mut found: Vec<Vec<Found>> = vec![Vec::new(); poses.len()];
     let mut result = MatchRound::default();
     let batch = (2 * rayon::current_num_threads()).max(8);
     let mut waiting = expected.as_slice();
@@ -103,12 +102,8 @@ pub fn match_round<P: Photos + ?Sized>(
             })
             .collect();
         for (photo, patch) in (start..end).zip(loaded) {
-            match &patch {
-                Some(patch) => tracks[photo] = round.empty_tracks(photo, patch),
-                None if last_needed[photo].is_some() || footprints[photo].is_none() => {
-                    result.unusable.push(photo as u32);
-                }
-                None => {}
+            if patch.is_none() && (last_needed[photo].is_some() || footprints[photo].is_none()) {
+                result.unusable.push(photo as u32);
             }
             patches[photo] = patch;
         }
@@ -117,18 +112,28 @@ pub fn match_round<P: Photos + ?Sized>(
         let done: Vec<Option<(PairReport, Vec<Match>)>> =
             ready.par_iter().map_init(Search::default, |search, pair| round.pair(pair, &patches, search)).collect();
         for (report, matches) in done.into_iter().flatten() {
-            round.add_to_tracks(&report, &matches, &mut tracks);
+            round.collect(&report, &matches, &mut found);
             result.pairs.push(report);
         }
         for photo in 0..end {
-            if last_needed[photo].is_none_or(|last| last < end) {
-                patches[photo] = None;
+            if last_needed[photo].is_none_or(|last| last < end)
+                && let Some(patch) = patches[photo].take()
+            {
+                round.add_tracks(photo, &patch, std::mem::take(&mut found[photo]), &mut result.tracks);
             }
         }
         progress(end);
     }
-    result.tracks = tracks.into_iter().flatten().filter(|track| !track.others.is_empty()).collect();
     result
+}
+
+/// A photo that found a reference point.
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    /// The reference point's number in its own photo.
+    point: u32,
+    /// Where it was found.
+    seen: Observation,
 }
 
 impl Round<'_> {
@@ -144,20 +149,17 @@ impl Round<'_> {
         Some(Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, &pixels, self.config))
     }
 
-    /// One track per reference point, nobody having found it yet; empty if a point cannot be seen after all.
-    fn empty_tracks(&self, photo: usize, patch: &Patch) -> Vec<StarTrack> {
-        let track = |point: &[usize; 2]| {
-            let place = global_place(patch, *point);
+    /// Adds the reference points of a photo that others found, in the order of the points, then of the photos.
+    fn add_tracks(&self, photo: usize, patch: &Patch, mut found: Vec<Found>, tracks: &mut Tracks) {
+        found.sort_unstable_by_key(|one| (one.point, one.seen.photo));
+        for group in found.chunk_by(|a, b| a.point == b.point) {
+            let place = global_place(patch, patch.points[group[0].point as usize]);
             let pixel = self.grid.pixel(&self.poses[photo].tunnel_from_cam, place[0], place[1]);
-            let pixel = pixel.map_or([f64::NAN; 2], |pixel| [pixel.x, pixel.y]);
-            StarTrack {
-                reference: Sighting { photo: photo as u32, pixel },
-                others: Vec::new(),
-                s_m: self.grid.profile.wrap_s(place[0] * self.grid.step_m),
-                x_m: place[1] * self.grid.step_m,
+            if let (Some(pixel), Some(point)) = (pixel, self.grid.point(place[0], place[1])) {
+                let reference = Observation { photo: photo as u32, pixel: [pixel.x as f32, pixel.y as f32] };
+                tracks.push(point.position, std::iter::once(reference).chain(group.iter().map(|one| one.seen)));
             }
-        };
-        patch.points.iter().map(track).collect()
+        }
     }
 
     /// Tries a pair; `None` if a photo is missing or the masks leave too little overlap.
@@ -279,21 +281,18 @@ impl Round<'_> {
         Some([texels.x.round() as i64, texels.y.round() as i64])
     }
 
-    fn add_to_tracks(&self, report: &PairReport, matches: &[Match], tracks: &mut [Vec<StarTrack>]) {
+    fn collect(&self, report: &PairReport, matches: &[Match], found: &mut [Vec<Found>]) {
         if !report.kept {
             return;
         }
         let photos = [report.first, report.second];
         for one in matches {
             let photo = photos[1 - one.candidate.from];
-            let track = &mut tracks[photos[one.candidate.from] as usize][one.candidate.point];
             let place = [0, 1].map(|axis| one.candidate.reference[axis] + one.displacement[axis]);
             let pose = &self.poses[photo as usize].tunnel_from_cam;
-            if let Some(pixel) = self.grid.pixel(pose, place[0], place[1])
-                && track.reference.pixel[0].is_finite()
-            {
-                let sighting = Sighting { photo, pixel: [pixel.x, pixel.y] };
-                track.others.push(FoundSighting { sighting, ncc: one.ncc });
+            if let Some(pixel) = self.grid.pixel(pose, place[0], place[1]) {
+                let seen = Observation { photo, pixel: [pixel.x as f32, pixel.y as f32] };
+                found[photos[one.candidate.from] as usize].push(Found { point: one.candidate.point as u32, seen });
             }
         }
     }
@@ -364,7 +363,7 @@ impl PairSearch<'_> {
         let middle = [0, 1].map(|axis| candidate.predicted[axis] + offset[axis]);
         let peak = search.find(source, candidate.place, target, middle, size)?;
         let displacement = [0, 1].map(|axis| peak.offset[axis] + offset[axis] as f64);
-        Some(Match { candidate: *candidate, displacement, ncc: peak.ncc })
+        Some(Match { candidate: *candidate, displacement })
     }
 }
 

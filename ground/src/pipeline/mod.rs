@@ -3,6 +3,7 @@
 mod checkpoint;
 mod groups;
 mod photos;
+mod placing;
 mod progress;
 mod solve;
 
@@ -14,7 +15,7 @@ use serde_json::json;
 
 pub use checkpoint::{Checkpoints, Key};
 pub use progress::{StageProgress, Verbosity};
-pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver};
+pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver, TagSlip};
 
 use crate::files::write_whole;
 use crate::model::{self, ModelOptions, ModelReport};
@@ -122,7 +123,8 @@ impl Run<'_> {
         let photos = survey.photos.len();
         let solver = Solver::new(survey, self.options.solve)?;
         let key = Key::of_survey(survey)?.then("prior", &())?;
-        let prior = self.stage(Stage::Prior, key, photos, &[], |_| Ok(solver.prior()), say_prior)?;
+        let prior = self.stage(Stage::Prior, key, photos, &[], |_| solver.prior(), say_prior)?;
+        let solver = solver.with_section(&prior)?;
         if prior.size.is_some_and(|size| size.contradicts_nominal()) {
             tracing::warn!("the ranges contradict the section's size in survey.toml, which is the survey's scale");
         }
@@ -144,7 +146,8 @@ impl Run<'_> {
             return Ok(());
         }
         let key = key.then("adjust", &())?;
-        let adjusted = self.stage(Stage::Adjust, key, photos, &[], |_| solver.adjust(&coarse, &matches), say_adjust)?;
+        let adjusted =
+            self.stage(Stage::Adjust, key, photos, &[], |_| solver.adjust(&prior, &coarse, matches), say_adjust)?;
         let poses = &adjusted.reconstruction.poses;
         self.write_poses(poses)?;
         self.summary.registered = Some(poses.iter().filter(|pose| pose.status == PoseStatus::Adjusted).count());
@@ -260,12 +263,12 @@ fn say_prior(stage: &PriorStage) -> (String, serde_json::Value) {
     let size = match &stage.size {
         None => "too few ranges to check the section's size".to_owned(),
         Some(size) => {
-            let warning = if size.contradicts_nominal() { "; CHECK survey.toml" } else { "" };
+            let warning = if size.contradicts_nominal() { "; used instead of it: CHECK survey.toml" } else { "" };
             let percent = (size.factor - 1.0) * 100.0;
             format!("ranges give {percent:+.2} % +- {:.2} % of the nominal section{warning}", size.sigma * 100.0)
         }
     };
-    (format!("{} photos; {size}", stage.poses.len()), json!({ "size": stage.size }))
+    (format!("{} photos; {size}", stage.views.len()), json!({ "size": stage.size }))
 }
 
 fn say_round(round: &RoundSummary) -> String {

@@ -1,38 +1,37 @@
 //! From tags and photos to poses: prior, coarse round, fine round, adjustment with pruning.
 
-use std::collections::BTreeMap;
-
-use adit_geometry::profile::Profile;
+use adit_geometry::profile::{Profile, ProfileSpec};
+use adit_geometry::rig::{ImageUp, Rig};
+use adit_protocol::tag::CaptureTag;
 use anyhow::{Context, Result};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::groups::registered;
 use super::photos::{SurveyPhotos, photo_mask};
+use super::placing::Placing;
 use super::progress::StageProgress;
+use crate::adjust::tracks::Tracks;
 use crate::adjust::{
     AdjustReport, Adjusted, Observation, Point, Problem, PruneCounts, Pruning, Shared, Weights, adjust, pose_sigmas,
     prune,
 };
-use crate::matching::{MatchConfig, MatchRound, PairReport, StarTrack, ViewPose, match_round};
+use crate::matching::{MatchConfig, MatchRound, PairReport, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction, Sighting, Track};
-use crate::prior::{SizeEstimate, TagPrior, estimate_size, prior_poses};
+use crate::prior::{PriorModel, SizeEstimate, TagPrior, estimate_size, prior_views, tag_priors};
 use crate::raster::Mask;
 use crate::survey::{Loss, Survey};
 
 /// One standard deviation of a match in the coarse round, pixels of the photo.
-const COARSE_MATCH_PX: f64 = 0.8;
-/// One standard deviation, against its neighbours, of a pose that the coarse round found: optical centre (metres), rotation
-/// (radians). What all photos share (the roll gauge, the frame) moves no match.
-const COARSE_SIGMAS: [f64; 2] = [0.002, 0.0005];
+pub(super) const COARSE_MATCH_PX: f64 = 0.8;
 /// One standard deviation of a match in the fine round, pixels of the photo.
 const FINE_MATCH_PX: f64 = 0.3;
 /// No match is better than this, whatever the residuals say: the camera model itself is not.
 const LEAST_MATCH_PX: f64 = 0.05;
 /// Geman-McClure scale in standard deviations.
-const ROBUST: f64 = 3.0;
+pub(super) const ROBUST: f64 = 3.0;
 /// Softness of the surface: real linings are out of shape by centimetres, and points must be free to say so.
-const SURFACE_M: f64 = 0.05;
+pub(super) const SURFACE_M: f64 = 0.05;
 
 /// What the pose stages are allowed to do.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,34 +54,51 @@ impl Default for SolveOptions {
 /// Poses as the tags alone give them.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PriorStage {
-    /// `tunnel_from_cam`, one per photo.
-    pub poses: Vec<Isometry3<f64>>,
+    /// What the tags say, one per photo.
+    pub tags: Vec<TagPrior>,
+    /// Poses and their uncertainty, one per photo.
+    pub views: Vec<ViewPose>,
     /// The section's size by the ranges.
     pub size: Option<SizeEstimate>,
+    /// The section that is used from here on: the nominal one, or of the size that the ranges gave where they contradict it.
+    pub profile: ProfileSpec<f64>,
 }
 
 /// Poses after a round of matching and an adjustment.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CoarseStage {
-    /// `tunnel_from_cam`, one per photo.
-    pub poses: Vec<Isometry3<f64>>,
-    /// Photos that at least half of their pairs doubt, or without any pair: no better known than before.
-    pub doubtful: Vec<u32>,
+    /// Poses and their uncertainty, one per photo.
+    pub views: Vec<ViewPose>,
+    /// Photos that hang together; the others stand by their tags.
+    pub placed: Vec<bool>,
+    /// Tags as they are believed now.
+    pub tags: Vec<TagPrior>,
+    /// Photos whose tag turned out to be wrong.
+    pub slips: Vec<TagSlip>,
     /// Mounting rotation vector (camera axes) and odometer scale.
     pub shared: ([f64; 3], f64),
-    /// The round.
+    /// The rounds.
     pub round: RoundSummary,
-    /// The adjustment.
+    /// The last adjustment.
     pub adjustment: AdjustReport,
     /// Photos that could not be read.
     pub losses: Vec<Loss>,
+}
+
+/// A tag that its photo's matches contradict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TagSlip {
+    /// The photo.
+    pub photo: u32,
+    /// The tag that fits is that of so many captures later; `None` if none fits and the photo was placed without one.
+    pub captures: Option<i32>,
 }
 
 /// Matches of the fine round, as points with sightings.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MatchStage {
     /// Points with their first position and sightings.
-    pub tracks: Vec<Track>,
+    pub tracks: Tracks,
     /// The round.
     pub round: RoundSummary,
 }
@@ -122,52 +138,104 @@ pub struct RoundSummary {
 }
 
 impl RoundSummary {
-    fn new(round: &MatchRound, survey: &Survey) -> Self {
+    pub(super) fn new(pairs: &[PairReport], tracks: &Tracks, survey: &Survey) -> Self {
         let name = |photo: u32| survey.photos[photo as usize].name.clone();
-        let count = |test: fn(&PairReport) -> bool| round.pairs.iter().filter(|pair| test(pair)).count();
+        let count = |test: fn(&PairReport) -> bool| pairs.iter().filter(|pair| test(pair)).count();
         Self {
-            pairs_expected: round.pairs.len(),
+            pairs_expected: pairs.len(),
             pairs_kept: count(|pair| pair.kept),
             pairs_widened: count(|pair| pair.widened),
-            doubtful: round
-                .pairs
+            doubtful: pairs
                 .iter()
                 .filter(|pair| pair.is_doubtful())
                 .map(|pair| (name(pair.first), name(pair.second)))
                 .collect(),
-            matches: round.tracks.iter().map(|track| track.others.len()).sum(),
-            points: round.tracks.len(),
+            matches: tracks.observations().len() - tracks.len(),
+            points: tracks.len(),
         }
     }
 }
 
 /// What all pose stages share.
 pub struct Solver<'a> {
-    survey: &'a Survey,
+    pub(super) survey: &'a Survey,
+    /// The section in use.
     profile: Profile<f64>,
-    tags: Vec<TagPrior>,
     options: SolveOptions,
 }
 
 impl<'a> Solver<'a> {
-    /// Prepares a survey.
+    /// Prepares a survey, with the nominal section.
     ///
     /// # Errors
     /// If the survey's section cannot be built.
     pub fn new(survey: &'a Survey, options: SolveOptions) -> Result<Self> {
         let profile = survey.config.profile.build().context("survey.toml: [tunnel]")?;
-        let tags = survey.photos.iter().map(|photo| TagPrior::from_tag(&photo.tag)).collect();
-        Ok(Self { survey, profile, tags, options })
+        Ok(Self { survey, profile, options })
+    }
+
+    /// The same with the section that the prior stage chose.
+    ///
+    /// # Errors
+    /// If the section cannot be built.
+    pub fn with_section(self, prior: &PriorStage) -> Result<Self> {
+        Ok(Self { profile: prior.profile.build().context("the section")?, ..self })
     }
 
     /// Poses from the tags, and the section's size from the ranges.
-    pub fn prior(&self) -> PriorStage {
+    ///
+    /// # Errors
+    /// If the resized section cannot be built.
+    pub fn prior(&self) -> Result<PriorStage> {
         let config = &self.survey.config;
-        let range_m = config.sigma.range_m;
-        PriorStage {
-            poses: prior_poses(&self.tags, &config.rig, &self.profile, range_m),
-            size: estimate_size(&self.tags, &self.profile, range_m),
-        }
+        let raw: Vec<_> = self.survey.photos.iter().map(|photo| photo.tag).collect();
+        let tags = self.tag_priors(&raw);
+        let size = estimate_size(&tags, &self.profile, config.sigma.range_m);
+        let factor = size.filter(SizeEstimate::contradicts_nominal).map_or(1.0, |size| size.factor);
+        let profile = config.profile.scaled(factor);
+        let resized = Self { profile: profile.build().context("the section")?, ..*self };
+        let views = resized.views(&tags, &self.shared_prior());
+        Ok(PriorStage { tags, views, size, profile })
+    }
+
+    /// What tags say, after corrections.
+    pub(super) fn tag_priors(&self, raw: &[Option<CaptureTag>]) -> Vec<TagPrior> {
+        tag_priors(raw, &self.survey.config.sigma, self.survey.config.rig.images_per_turn)
+    }
+
+    /// The shared unknowns before anything is adjusted.
+    pub(super) fn shared_prior(&self) -> Shared {
+        Shared { mount_rotvec: Vector3::from(self.survey.config.rig.mount_rotvec_rad), odometer_scale: 0.0 }
+    }
+
+    /// Poses by tags alone, under what is known of the rig.
+    pub(super) fn views(&self, tags: &[TagPrior], shared: &Shared) -> Vec<ViewPose> {
+        let config = &self.survey.config;
+        let rig = Rig { mount_rotvec_rad: shared.mount_rotvec.into(), ..config.rig };
+        let model = PriorModel {
+            rig: &rig,
+            profile: &self.profile,
+            sigma: &config.sigma,
+            odometer_factor: 1.0 + shared.odometer_scale,
+            unknown_step_m: self.unknown_step_m(),
+        };
+        prior_views(tags, &model)
+    }
+
+    /// Half the step along the axis that leaves no hole: what a photo shows of the wall, shared by the photos of a turn.
+    fn unknown_step_m(&self) -> f64 {
+        let camera = &self.survey.config.camera.camera;
+        let along_px = match self.survey.config.rig.image_up {
+            ImageUp::Forward | ImageUp::Backward => camera.height_px,
+            ImageUp::Clockwise | ImageUp::Counterclockwise => camera.width_px,
+        };
+        let shown_m = f64::from(along_px) * MatchConfig::native_m(&self.profile, camera);
+        0.5 * shown_m / f64::from(self.survey.config.rig.images_per_turn.max(1))
+    }
+
+    /// The coarse round's parameters.
+    pub(super) fn wide(&self) -> MatchConfig {
+        MatchConfig::wide(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera))
     }
 
     /// The coarse round: photos found within the tags' uncertainty, then a first adjustment.
@@ -175,66 +243,41 @@ impl<'a> Solver<'a> {
     /// # Errors
     /// If the normal equations cannot be solved.
     pub fn coarse(&self, prior: &PriorStage, progress: &StageProgress) -> Result<CoarseStage> {
-        let sigmas = vec![self.prior_sigmas(); prior.poses.len()];
-        let config = MatchConfig::wide(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
-        let (round, losses) = self.round(&prior.poses, &sigmas, &config, progress);
-        let points = self.points_on_wall(&round.tracks, &prior.poses);
-        let mount_rotvec = Vector3::from(self.survey.config.rig.mount_rotvec_rad);
-        let weights = Weights { pixel_px: COARSE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
-        let shared = Shared { mount_rotvec, odometer_scale: 0.0 };
-        let adjusted = adjust(&self.problem(&prior.poses, &points, shared), &weights)?;
-        Ok(CoarseStage {
-            doubtful: round.doubtful_photos(adjusted.poses.len()),
-            poses: adjusted.poses,
-            shared: (adjusted.shared.mount_rotvec.into(), adjusted.shared.odometer_scale),
-            round: RoundSummary::new(&round, self.survey),
-            adjustment: adjusted.report,
-            losses,
-        })
+        Placing::new(self, prior).run(progress)
     }
 
-    /// One standard deviation of a prior pose: optical centre (metres) and rotation (radians).
-    fn prior_sigmas(&self) -> [f64; 2] {
-        let sigma = &self.survey.config.sigma;
-        // The section position rests on two or three ranges; along the axis neighbours are an odometer step apart.
-        [1.5 * sigma.range_m, sigma.shaft_rad.hypot(sigma.attitude_rad).hypot(sigma.mount_rad)]
-    }
-
-    /// The fine round, at the photos' own resolution.
+    /// The fine round, at the photos' own resolution, between photos that have a place.
     pub fn fine(&self, coarse: &CoarseStage, progress: &StageProgress) -> MatchStage {
         let config = MatchConfig::fine(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
-        let mut sigmas = vec![COARSE_SIGMAS; coarse.poses.len()];
-        for &photo in &coarse.doubtful {
-            sigmas[photo as usize] = self.prior_sigmas();
-        }
-        let (round, _) = self.round(&coarse.poses, &sigmas, &config, progress);
-        let points = self.points_on_wall(&round.tracks, &coarse.poses);
-        let tracks = points.into_iter().map(|point| track_of(&point, 0.0)).collect();
-        MatchStage { tracks, round: RoundSummary::new(&round, self.survey) }
+        let wanted = |photos: [usize; 2]| photos.iter().all(|&photo| coarse.placed[photo]);
+        let (round, _) = self.round(&coarse.views, &config, &wanted, progress);
+        let summary = RoundSummary::new(&round.pairs, &round.tracks, self.survey);
+        MatchStage { tracks: round.tracks, round: summary }
     }
 
     /// Adjustment, pruning, adjustment.
     ///
     /// # Errors
     /// If the normal equations cannot be solved or a mask cannot be read.
-    pub fn adjust(&self, coarse: &CoarseStage, matches: &MatchStage) -> Result<AdjustStage> {
+    pub fn adjust(&self, prior: &PriorStage, coarse: &CoarseStage, matches: MatchStage) -> Result<AdjustStage> {
         let camera = &self.survey.config.camera.camera;
-        let mut points: Vec<Point> = matches.tracks.iter().map(point_of).collect();
+        let mut tracks = matches.tracks;
         let weights = Weights { pixel_px: FINE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
         let shared = Shared { mount_rotvec: Vector3::from(coarse.shared.0), odometer_scale: coarse.shared.1 };
-        let first = adjust(&self.problem(&coarse.poses, &points, shared), &weights)?;
-        move_points(&mut points, &first);
+        let poses = coarse.views.iter().map(|view| view.tunnel_from_cam).collect();
+        let first = self.adjusted(&coarse.tags, poses, &mut tracks, shared, &weights)?;
         // The matches' noise is what the first adjustment leaves (median of a two-dimensional normal: 1.18 sigma).
         let measured_px = first.report.median_after_px / 1.18;
         let weights = Weights { pixel_px: measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX), ..weights };
         let pruning = self.pruning();
         let masks = if pruning.mask { self.masks()? } else { Vec::new() };
+        let mut points = points_of(&tracks);
         let pruned = prune(&mut points, &first.poses, camera, &self.profile, &masks, &pruning);
-        let last = adjust(&self.problem(&first.poses, &points, first.shared), &weights)?;
-        move_points(&mut points, &last);
-        let problem = self.problem(&last.poses, &points, last.shared);
+        let mut tracks = tracks_of(&points);
+        let last = self.adjusted(&coarse.tags, first.poses, &mut tracks, first.shared, &weights)?;
+        let problem = self.problem(&coarse.tags, last.poses.clone(), points_of(&tracks), last.shared);
         let sigmas = pose_sigmas(&problem, &weights, &last)?;
-        let registered = registered(&points, last.poses.len());
+        let registered = registered(&tracks, last.poses.len());
         let poses = self.survey.photos.iter().enumerate().map(|(index, photo)| PhotoPose {
             photo: photo.name.clone(),
             tunnel_from_cam: last.poses[index],
@@ -243,8 +286,8 @@ impl<'a> Solver<'a> {
             status: if registered[index] { PoseStatus::Adjusted } else { PoseStatus::PriorOnly },
         });
         let poses = poses.collect();
-        let tracks = points.iter().map(|point| track_of(point, error_px(&problem, point))).collect();
-        let profile = self.survey.config.profile.clone();
+        let tracks = problem.points.iter().map(|point| track_of(point, error_px(&problem, point))).collect();
+        let profile = prior.profile.clone();
         Ok(AdjustStage {
             reconstruction: Reconstruction { poses, tracks, camera: *camera, profile },
             mount_rotvec_rad: last.shared.mount_rotvec.into(),
@@ -253,6 +296,20 @@ impl<'a> Solver<'a> {
             last: last.report,
             pruned,
         })
+    }
+
+    /// Adjusts and moves the points.
+    pub(super) fn adjusted(
+        &self,
+        tags: &[TagPrior],
+        poses: Vec<Isometry3<f64>>,
+        tracks: &mut Tracks,
+        shared: Shared,
+        weights: &Weights,
+    ) -> Result<Adjusted> {
+        let adjusted = adjust(&self.problem(tags, poses, points_of(tracks), shared), weights)?;
+        tracks.positions_mut().copy_from_slice(&adjusted.points);
+        Ok(adjusted)
     }
 
     fn pruning(&self) -> Pruning {
@@ -270,79 +327,70 @@ impl<'a> Solver<'a> {
         (0..self.survey.photos.len()).map(|photo| Ok(photo_mask(self.survey, photo)?)).collect()
     }
 
-    fn problem<'b>(&'b self, poses: &[Isometry3<f64>], points: &[Point], shared: Shared) -> Problem<'b> {
+    fn problem<'b>(
+        &'b self,
+        tags: &'b [TagPrior],
+        poses: Vec<Isometry3<f64>>,
+        points: Vec<Point>,
+        shared: Shared,
+    ) -> Problem<'b> {
         let config = &self.survey.config;
         Problem {
             camera: &config.camera.camera,
             profile: &self.profile,
             rig: &config.rig,
             sigma: config.sigma,
-            tags: &self.tags,
-            poses: poses.to_vec(),
-            points: points.to_vec(),
+            tags,
+            poses,
+            points,
             shared,
         }
     }
 
-    fn round(
+    pub(super) fn round(
         &self,
-        poses: &[Isometry3<f64>],
-        sigmas: &[[f64; 2]],
+        views: &[ViewPose],
         config: &MatchConfig,
+        wanted: &dyn Fn([usize; 2]) -> bool,
         progress: &StageProgress,
     ) -> (MatchRound, Vec<Loss>) {
-        let views: Vec<ViewPose> = poses
-            .iter()
-            .zip(sigmas)
-            .map(|(pose, &[position_sigma_m, rotation_sigma_rad])| ViewPose {
-                tunnel_from_cam: *pose,
-                position_sigma_m: [position_sigma_m; 3],
-                rotation_sigma_rad: [rotation_sigma_rad; 3],
-                drift_m: 0.0,
-            })
-            .collect();
         let photos = SurveyPhotos::new(self.survey, self.options.prune_mask);
         let camera = &self.survey.config.camera.camera;
-        let round = match_round(&self.profile, camera, &views, &photos, config, &|_| true, &|done| progress.set(done));
+        let round = match_round(&self.profile, camera, views, &photos, config, wanted, &|done| progress.set(done));
         let name = |photo: usize| self.survey.photos[photo].path.display().to_string();
         let losses = photos.faults().into_iter().map(|(photo, why)| Loss::new(name(photo), why)).collect();
         (round, losses)
     }
-
-    /// Star tracks as points, placed where the reference pixel's ray meets the nominal wall.
-    fn points_on_wall(&self, tracks: &[StarTrack], poses: &[Isometry3<f64>]) -> Vec<Point> {
-        let camera = &self.survey.config.camera.camera;
-        let place = |track: &StarTrack| -> Option<Point> {
-            let pose = &poses[track.reference.photo as usize];
-            let direction = pose.rotation * camera.unproject(&Vector2::from(track.reference.pixel))?;
-            let centre = pose.translation.vector;
-            let hit = self.profile.ray_cast(centre.yz(), direction.yz())?;
-            let position = Point3::from(centre + direction * hit.distance);
-            let mut observations: BTreeMap<u32, Vector2<f64>> =
-                track.others.iter().map(|found| (found.sighting.photo, found.sighting.pixel.into())).collect();
-            observations.insert(track.reference.photo, track.reference.pixel.into());
-            let observations =
-                observations.into_iter().map(|(photo, pixel)| Observation { photo: photo as usize, pixel }).collect();
-            Some(Point { position, observations })
-        };
-        tracks.iter().filter_map(place).collect()
-    }
 }
 
-fn move_points(points: &mut [Point], adjusted: &Adjusted) {
-    for (point, position) in points.iter_mut().zip(&adjusted.points) {
-        point.position = *position;
+fn points_of(tracks: &Tracks) -> Vec<Point> {
+    let point = |(position, seen): (&Point3<f64>, &[crate::adjust::tracks::Observation])| Point {
+        position: *position,
+        observations: seen
+            .iter()
+            .map(|s| Observation { photo: s.photo as usize, pixel: Vector2::from(s.pixel.map(f64::from)) })
+            .collect(),
+    };
+    tracks.iter().map(point).collect()
+}
+
+fn tracks_of(points: &[Point]) -> Tracks {
+    let mut tracks = Tracks::default();
+    for point in points {
+        tracks.push(
+            point.position,
+            point.observations.iter().map(|s| crate::adjust::tracks::Observation {
+                photo: s.photo as u32,
+                pixel: [s.pixel.x as f32, s.pixel.y as f32],
+            }),
+        );
     }
+    tracks
 }
 
 fn track_of(point: &Point, error_px: f64) -> Track {
     let sighting = |seen: &Observation| Sighting { photo: seen.photo as u32, pixel: seen.pixel.into() };
     Track { position: point.position, sightings: point.observations.iter().map(sighting).collect(), error_px }
-}
-
-fn point_of(track: &Track) -> Point {
-    let observation = |seen: &Sighting| Observation { photo: seen.photo as usize, pixel: Vector2::from(seen.pixel) };
-    Point { position: track.position, observations: track.sightings.iter().map(observation).collect() }
 }
 
 /// Root mean square reprojection error of a point.

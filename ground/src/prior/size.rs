@@ -63,9 +63,9 @@ fn cost_at(tag: &TagPrior, profile: &Profile<f64>, range_m: f64, factor: f64) ->
     }
     let sigma_m = range_m / factor;
     let worst = 4.5 * scaled.beams.len() as f64;
-    let Some(position) = section_position(&scaled, profile, sigma_m, Vector2::zeros()) else { return worst };
+    let Some(fix) = section_position(&scaled, profile, sigma_m, Vector2::zeros()) else { return worst };
     let residuals = scaled.beams.iter().map(|beam| {
-        let Some(hit) = profile.ray_cast(position, beam.direction.yz()) else { return 4.5 };
+        let Some(hit) = profile.ray_cast(fix.offset_m, beam.direction.yz()) else { return 4.5 };
         let squared = ((hit.distance - beam.measured_m) / sigma_m).powi(2);
         0.5 * squared * 9.0 / (9.0 + squared)
     });

@@ -7,7 +7,7 @@ use adit_protocol::mission::SurveyConfig;
 use rayon::prelude::*;
 
 use super::masks::{Masks, check_mask};
-use super::photos::{Lookup, PhotoIndex, find_files, find_photos};
+use super::photos::{FoundPhoto, Lookup, PhotoIndex, find_files, find_photos};
 use super::{Loss, Photo, PhotoError, Size, Survey, SurveyError, TagColumn, TagFault, TagRow, TagsError};
 use super::{probe, read_tags};
 
@@ -95,7 +95,7 @@ fn pair(
         match index.take(&name) {
             Lookup::Found(i) => {
                 let photo = index.photo(i).clone();
-                photos.push(Photo { name: photo.name, path: photo.path, mask: None, tag: row.tag });
+                photos.push(Photo { name: photo.name, path: photo.path, mask: None, tag: Some(row.tag) });
             }
             Lookup::Missing => losses.push(Loss::new(
                 format!("photos/{name}"),
@@ -108,10 +108,31 @@ fn pair(
     if !faults.is_empty() {
         return Err(TagsError::Faults { path: tags_path.to_owned(), faults }.into());
     }
-    for photo in index.left_over() {
-        losses.push(Loss::new(format!("photos/{}", photo.name), "no row of tags.csv names this photo"));
-    }
+    add_untagged(&mut photos, &index, losses);
     Ok(photos)
+}
+
+/// Puts photos without a tag where they were taken: between the two photos that their names lie between. Others may be
+/// of anything, and are left out.
+fn add_untagged(photos: &mut Vec<Photo>, index: &PhotoIndex, losses: &mut Vec<Loss>) {
+    for (photo, [before, after]) in index.left_over() {
+        let place_of = |other: &FoundPhoto| photos.iter().position(|photo| photo.name == other.name);
+        let between = before.and_then(place_of).zip(after.and_then(place_of));
+        // Untagged photos that were put in earlier stand after `before`.
+        let place = between
+            .filter(|&(before, after)| {
+                before < after && photos[before + 1..after].iter().all(|photo| photo.tag.is_none())
+            })
+            .map(|(_, after)| after);
+        let (name, path) = (photo.name.clone(), photo.path.clone());
+        match place {
+            Some(place) => photos.insert(place, Photo { name, path, mask: None, tag: None }),
+            None => losses.push(Loss::new(
+                format!("photos/{name}"),
+                "no row of tags.csv names this photo, nor is it between two that are named",
+            )),
+        }
+    }
 }
 
 /// Leaves out photos that are truncated or no JPEG; a whole photo of another size is an error.
@@ -287,7 +308,20 @@ mount_deg = 1.0
         let folder = Folder::new();
         folder.write("photos/G9.JPG", &jpeg(32, 24));
         assert_eq!(folder.names().len(), 4);
-        assert_eq!(folder.losses(), ["photos/G9.JPG: no row of tags.csv names this photo"]);
+        assert_eq!(
+            folder.losses(),
+            ["photos/G9.JPG: no row of tags.csv names this photo, nor is it between two that are named"]
+        );
+    }
+
+    #[test]
+    fn photos_without_a_tag_take_part_between_those_that_have_one() {
+        let folder = Folder::new();
+        folder.tags(&[row(1, "G1.JPG"), row(4, "G4.JPG")].concat());
+        let photos = folder.load().photos;
+        let tagged: Vec<(&str, bool)> = photos.iter().map(|photo| (&*photo.name, photo.tag.is_some())).collect();
+        assert_eq!(tagged, [("G1.JPG", true), ("G2.JPG", false), ("G3.JPG", false), ("G4.JPG", true)]);
+        assert!(folder.losses().is_empty(), "{:?}", folder.losses());
     }
 
     #[test]
@@ -325,10 +359,7 @@ mount_deg = 1.0
                 .map(|i| row(i, if i == 2 { "" } else { ["G1.JPG", "", "G3.JPG", "G4.JPG"][i as usize - 1] }))
                 .collect::<String>(),
         );
-        assert_eq!(
-            folder.losses(),
-            ["tags.csv:3: capture 2 has no photo", "photos/G2.JPG: no row of tags.csv names this photo"]
-        );
+        assert_eq!(folder.losses(), ["tags.csv:3: capture 2 has no photo"]);
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub use masks::load_mask;
 pub use photos::{FoundPhoto, find_photos};
 pub use tags::{TagColumn, TagRow, read_tags, write_tags};
 
-/// One photo with the tag that belongs to it.
+/// One photo, with the tag that belongs to it if there is one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Photo {
     /// File name as in `photos/`, the photo's identity in every output (folders joined by `/`).
@@ -32,8 +32,8 @@ pub struct Photo {
     pub path: PathBuf,
     /// Path of its mask, if there is one.
     pub mask: Option<PathBuf>,
-    /// Its tag, with angles and lengths as tags.csv gave them, in SI.
-    pub tag: CaptureTag,
+    /// Its tag, with angles and lengths as tags.csv gave them, in SI; `None` if no row names the photo.
+    pub tag: Option<CaptureTag>,
 }
 
 /// A loaded survey folder.
@@ -43,7 +43,7 @@ pub struct Survey {
     pub folder: PathBuf,
     /// Content of survey.toml.
     pub config: SurveyConfig,
-    /// Photos that have a tag, in order of capture.
+    /// Photos in order of capture: those that have a tag, and those without one that were taken between two that have.
     pub photos: Vec<Photo>,
     /// What was left out and why; each ends up in the report.
     pub losses: Vec<Loss>,

@@ -110,9 +110,14 @@ impl PhotoIndex {
         Lookup::Missing
     }
 
-    /// Returns the photos that no capture asked for.
-    pub(super) fn left_over(&self) -> impl Iterator<Item = &FoundPhoto> {
-        self.photos.iter().zip(&self.taken).filter(|(_, taken)| !**taken).map(|(photo, _)| photo)
+    /// Returns the photos that no capture asked for, each with the last one before it (by name) that a capture asked for
+    /// and the first one after it.
+    pub(super) fn left_over(&self) -> impl Iterator<Item = (&FoundPhoto, [Option<&FoundPhoto>; 2])> {
+        let taken = |index: &usize| self.taken[*index];
+        (0..self.photos.len()).filter(move |index| !taken(index)).map(move |index| {
+            let beside = [(0..index).rev().find(taken), (index..self.photos.len()).find(taken)];
+            (&self.photos[index], beside.map(|beside| beside.map(|index| &self.photos[index])))
+        })
     }
 }
 

@@ -1,6 +1,7 @@
 //! Matches against exact poses.
 
 use adit_geometry::camera::Camera;
+use adit_ground::adjust::tracks::Observation;
 use adit_ground::matching::MatchRound;
 use nalgebra::{Isometry3, Point3, Vector2};
 
@@ -20,13 +21,13 @@ impl Transfer {
         hit: impl Fn(&Isometry3<f64>, Vector2<f64>) -> Point3<f64>,
     ) -> Self {
         let mut errors_px: Vec<f64> = Vec::new();
-        for track in &round.tracks {
-            let reference = &truth[track.reference.photo as usize];
-            let point = hit(reference, Vector2::from(track.reference.pixel));
-            for other in &track.others {
-                let in_cam = truth[other.sighting.photo as usize].inverse_transform_point(&point);
+        let pixel = |seen: &Observation| Vector2::from(seen.pixel.map(f64::from));
+        for (_, seen) in round.tracks.iter() {
+            let point = hit(&truth[seen[0].photo as usize], pixel(&seen[0]));
+            for other in &seen[1..] {
+                let in_cam = truth[other.photo as usize].inverse_transform_point(&point);
                 let expected = camera.project(&in_cam.coords);
-                errors_px.push(expected.map_or(f64::INFINITY, |p| (p - Vector2::from(other.sighting.pixel)).norm()));
+                errors_px.push(expected.map_or(f64::INFINITY, |p| (p - pixel(other)).norm()));
             }
         }
         errors_px.sort_by(f64::total_cmp);

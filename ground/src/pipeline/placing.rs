@@ -1,0 +1,357 @@
+//! The coarse stage: from tags to poses that are good to a few millimetres, or a plain word that a photo has no place.
+//!
+//! A first round searches every pair within the tags' uncertainty and adjusts. Whatever it leaves open is taken up again:
+//! - Pairs that were too uncertain against each other (no odometer, say) are searched once their photos have found a place.
+//! - A photo that does not hang together with the others, or whose matches the adjustment disputes, is lost. Its tag may be
+//!   worse than it says, or belong to another capture: a servo that slipped, a photo that the pairing of photos and tags
+//!   counted twice. Each [`Guess`] about its tag is tried against the photos that have a place, and the one that most
+//!   matches agree with is believed.
+//!
+//! Nothing is believed for one pair's sake only: repeated bricks give chance agreements.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use adit_protocol::tag::CaptureTag;
+use anyhow::Result;
+use nalgebra::{Isometry3, Vector3};
+
+use super::groups::{PairShare, hanging_together, pair_shares};
+use super::progress::StageProgress;
+use super::solve::{COARSE_MATCH_PX, CoarseStage, PriorStage, ROBUST, RoundSummary, SURFACE_M, Solver, TagSlip};
+use crate::adjust::tracks::Tracks;
+use crate::adjust::{AdjustReport, Shared, Weights};
+use crate::matching::{MatchConfig, MatchRound, PairReport, ViewPose};
+use crate::prior::TagPrior;
+use crate::survey::Loss;
+
+/// One standard deviation, against its neighbours, of a pose that the coarse round found: optical centre (metres), rotation
+/// (radians). What all photos share (the roll gauge, the frame) moves no match.
+const PLACED_SIGMAS: [f64; 2] = [0.002, 0.0005];
+/// Times that open pairs and lost photos are taken up again.
+const MOST_ROUNDS: usize = 4;
+/// A guess about a lost photo needs this many agreeing matches, in two pairs or more.
+const LEAST_AGREEING: u32 = 30;
+/// A match is disputed by the adjustment from this error on, pixels of the photo.
+const DISPUTED_PX: f64 = 4.0;
+
+/// What may be wrong with a lost photo's tag.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Guess {
+    /// Nothing but that it is twice as uncertain as it says.
+    Uncertain,
+    /// Everything: the photo stands between its neighbours.
+    Between,
+    /// It is that of a capture before (negative) or after.
+    Slipped(isize),
+}
+
+const GUESSES: [Guess; 6] =
+    [Guess::Uncertain, Guess::Between, Guess::Slipped(1), Guess::Slipped(-1), Guess::Slipped(2), Guess::Slipped(-2)];
+
+/// What is known of the photos while their places are looked for.
+pub(super) struct Placing<'a> {
+    solver: &'a Solver<'a>,
+    /// Tags as believed.
+    raw: Vec<Option<CaptureTag>>,
+    tags: Vec<TagPrior>,
+    views: Vec<ViewPose>,
+    shared: Shared,
+    /// Photos that hang together.
+    placed: Vec<bool>,
+    /// Photos that the adjustment disputed once: not believed a second time without a new guess.
+    disputed: Vec<bool>,
+    tracks: Tracks,
+    pairs: BTreeMap<[u32; 2], PairReport>,
+    slips: Vec<TagSlip>,
+    losses: Vec<Loss>,
+    unusable: Vec<u32>,
+}
+
+impl<'a> Placing<'a> {
+    pub(super) fn new(solver: &'a Solver<'a>, prior: &PriorStage) -> Self {
+        let photos = prior.views.len();
+        Self {
+            solver,
+            raw: solver.survey.photos.iter().map(|photo| photo.tag).collect(),
+            tags: prior.tags.clone(),
+            views: prior.views.clone(),
+            shared: solver.shared_prior(),
+            placed: vec![false; photos],
+            disputed: vec![false; photos],
+            tracks: Tracks::default(),
+            pairs: BTreeMap::new(),
+            slips: Vec::new(),
+            losses: Vec::new(),
+            unusable: Vec::new(),
+        }
+    }
+
+    /// Runs all rounds.
+    ///
+    /// # Errors
+    /// If the normal equations cannot be solved.
+    pub(super) fn run(mut self, progress: &StageProgress) -> Result<CoarseStage> {
+        let config = self.solver.wide();
+        let views = self.views.clone();
+        let round = self.round(&views, &config, &|_| true, progress);
+        self.unusable.clone_from(&round.unusable);
+        self.take(round, |_| true);
+        let mut report = self.adjust()?;
+        for _ in 0..MOST_ROUNDS {
+            let opened = self.search_open_pairs(&config, progress);
+            let found = self.seek_lost(&config, progress);
+            if !opened && !found {
+                break;
+            }
+            report = self.adjust()?;
+        }
+        let (views, placed) = (self.views, self.placed);
+        let pairs: Vec<PairReport> = self.pairs.into_values().collect();
+        Ok(CoarseStage {
+            round: RoundSummary::new(&pairs, &self.tracks, self.solver.survey),
+            views,
+            placed,
+            tags: self.tags,
+            slips: self.slips,
+            shared: (self.shared.mount_rotvec.into(), self.shared.odometer_scale),
+            adjustment: report,
+            losses: self.losses,
+        })
+    }
+
+    fn round(
+        &mut self,
+        views: &[ViewPose],
+        config: &MatchConfig,
+        wanted: &dyn Fn([usize; 2]) -> bool,
+        progress: &StageProgress,
+    ) -> MatchRound {
+        let (round, losses) = self.solver.round(views, config, wanted, progress);
+        self.losses.extend(losses);
+        self.losses.sort_by(|a, b| (&a.what, &a.why).cmp(&(&b.what, &b.why)));
+        self.losses.dedup();
+        round
+    }
+
+    /// Takes over a round's pairs and matches, those between accepted photos.
+    fn take(&mut self, round: MatchRound, accepted: impl Fn([usize; 2]) -> bool) {
+        for pair in round.pairs {
+            let photos = [pair.first, pair.second];
+            if accepted(photos.map(|photo| photo as usize)) {
+                self.pairs.insert(photos, pair);
+            }
+        }
+        for (position, seen) in round.tracks.iter() {
+            let with_reference = |other: u32| accepted([seen[0].photo as usize, other as usize]);
+            let others = seen[1..].iter().filter(|other| with_reference(other.photo));
+            let kept: Vec<_> = std::iter::once(&seen[0]).chain(others).copied().collect();
+            if kept.len() > 1 {
+                self.tracks.push(*position, kept);
+            }
+        }
+    }
+
+    /// Adjusts what hangs together and takes over its poses; a photo whose matches are then mostly disputed loses them and its
+    /// place, and the rest is adjusted again.
+    fn adjust(&mut self) -> Result<AdjustReport> {
+        loop {
+            let joins = |pair: &&PairReport| pair.kept && !pair.is_doubtful();
+            let joined = self.pairs.values().filter(joins).map(|pair| [pair.first as usize, pair.second as usize]);
+            self.placed = hanging_together(joined, self.placed.len());
+            let mut tracks = self.tracks.clone();
+            tracks.retain(|_, seen| self.placed[seen.photo as usize], |_, seen| seen.len() >= 2);
+            let weights = Weights { pixel_px: COARSE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
+            let poses = self.views.iter().map(|view| view.tunnel_from_cam).collect();
+            let adjusted = self.solver.adjusted(&self.tags, poses, &mut tracks, self.shared, &weights)?;
+            self.shared = adjusted.shared;
+            let shares = pair_shares(&tracks, &adjusted.poses, &self.solver.survey.config.camera.camera, DISPUTED_PX);
+            let newly = self.newly_disputed(&shares);
+            if newly.is_empty() {
+                self.update_views(&adjusted.poses);
+                return Ok(adjusted.report);
+            }
+            for photo in newly {
+                self.forget(photo);
+            }
+        }
+    }
+
+    /// Placed photos for which most of the matches in most of their pairs are disputed, for the first time.
+    fn newly_disputed(&self, shares: &BTreeMap<[u32; 2], PairShare>) -> Vec<usize> {
+        let mut counts = vec![[0_usize; 2]; self.placed.len()];
+        for (photos, share) in shares {
+            for &photo in photos {
+                let [all, bad] = &mut counts[photo as usize];
+                *all += 1;
+                *bad += usize::from(share.is_disputed());
+            }
+        }
+        let is_new = |photo: &usize| {
+            let [all, bad] = counts[*photo];
+            self.placed[*photo] && !self.disputed[*photo] && 2 * bad > all
+        };
+        (0..counts.len()).filter(is_new).collect()
+    }
+
+    /// Takes a photo's matches away.
+    fn forget(&mut self, photo: usize) {
+        self.disputed[photo] = true;
+        self.tracks.retain(|_, seen| seen.photo as usize != photo, |_, seen| seen.len() >= 2);
+        for (photos, pair) in &mut self.pairs {
+            pair.kept &= !photos.contains(&(photo as u32));
+        }
+    }
+
+    /// Poses after an adjustment. A photo without a place stands by its tag, moved along the axis like its neighbours.
+    fn update_views(&mut self, adjusted: &[Isometry3<f64>]) {
+        let prior = self.solver.views(&self.tags, &self.shared);
+        let moved = |photo: usize| adjusted[photo].translation.x - prior[photo].tunnel_from_cam.translation.x;
+        let placed: Vec<usize> = (0..self.placed.len()).filter(|&photo| self.placed[photo]).collect();
+        for photo in 0..self.views.len() {
+            self.views[photo] =
+                if self.placed[photo] { placed_view(adjusted[photo]) } else { beside(&prior, photo, &placed, moved) };
+        }
+    }
+
+    /// Searches pairs of placed photos that were too uncertain, or did not look like overlapping, before. Tells if one was kept.
+    fn search_open_pairs(&mut self, config: &MatchConfig, progress: &StageProgress) -> bool {
+        if !self.pairs.values().any(|pair| pair.too_uncertain) {
+            return false;
+        }
+        let (views, placed) = (self.views.clone(), self.placed.clone());
+        let tried: BTreeSet<[u32; 2]> =
+            self.pairs.iter().filter(|(_, pair)| !pair.too_uncertain).map(|(photos, _)| *photos).collect();
+        let wanted = |photos: [usize; 2]| {
+            photos.iter().all(|&photo| placed[photo]) && !tried.contains(&photos.map(|photo| photo as u32))
+        };
+        let round = self.round(&views, config, &wanted, progress);
+        let any = round.pairs.iter().any(|pair| pair.kept);
+        self.take(round, |_| true);
+        any
+    }
+
+    /// Tries every guess about the lost photos' tags against the placed photos. Tells if one was believed.
+    fn seek_lost(&mut self, config: &MatchConfig, progress: &StageProgress) -> bool {
+        let is_lost = |photo: usize| !self.placed[photo] && !self.unusable.contains(&(photo as u32));
+        let lost: Vec<bool> = (0..self.placed.len()).map(is_lost).collect();
+        if !lost.contains(&true) || !self.placed.contains(&true) {
+            return false;
+        }
+        let placed = self.placed.clone();
+        let wanted = |[a, b]: [usize; 2]| (lost[a] && placed[b]) || (lost[b] && placed[a]);
+        // A wide window that did not find anything once is not tried a second time.
+        let config = MatchConfig { widen: 1.0, ..config.clone() };
+        let mut tried = Vec::new();
+        for guess in GUESSES {
+            let (raw, tags) = self.guessed(&lost, guess);
+            let views = self.guessed_views(&lost, &tags, guess);
+            let round = self.round(&views, &config, &wanted, progress);
+            tried.push((guess, raw, round));
+        }
+        let best = best_guesses(&lost, &tried);
+        for (photo, guess) in best.iter().enumerate() {
+            let captures = match guess {
+                Some(Guess::Slipped(by)) => Some(*by as i32),
+                Some(Guess::Between) if self.raw[photo].is_some() => None,
+                _ => continue,
+            };
+            self.slips.push(TagSlip { photo: photo as u32, captures });
+        }
+        let any = best.iter().any(Option::is_some);
+        for (guess, raw, round) in tried {
+            let believed = |photo: usize| best[photo] == Some(guess);
+            for photo in (0..raw.len()).filter(|&photo| believed(photo)) {
+                self.raw[photo] = raw[photo];
+            }
+            let accepted = |[a, b]: [usize; 2]| believed(a) || believed(b);
+            self.take(round, accepted);
+        }
+        self.tags = self.solver.tag_priors(&self.raw);
+        any
+    }
+
+    /// The tags under a guess about the lost photos.
+    fn guessed(&self, lost: &[bool], guess: Guess) -> (Vec<Option<CaptureTag>>, Vec<TagPrior>) {
+        let of_photo = |photo: usize| match guess {
+            _ if !lost[photo] => self.raw[photo],
+            Guess::Uncertain => self.raw[photo],
+            Guess::Between => None,
+            Guess::Slipped(by) => {
+                photo.checked_add_signed(by).and_then(|other| self.solver.survey.photos.get(other)?.tag)
+            }
+        };
+        let raw: Vec<Option<CaptureTag>> = (0..lost.len()).map(of_photo).collect();
+        let tags = self.solver.tag_priors(&raw);
+        (raw, tags)
+    }
+
+    /// The photos' views under a guess about the lost ones.
+    fn guessed_views(&self, lost: &[bool], tags: &[TagPrior], guess: Guess) -> Vec<ViewPose> {
+        let prior = self.solver.views(tags, &self.shared);
+        let placed: Vec<usize> = (0..lost.len()).filter(|&photo| self.placed[photo]).collect();
+        let moved =
+            |photo: usize| self.views[photo].tunnel_from_cam.translation.x - prior[photo].tunnel_from_cam.translation.x;
+        let view = |photo: usize| {
+            if !lost[photo] {
+                return self.views[photo];
+            }
+            let mut view = beside(&prior, photo, &placed, moved);
+            if guess == Guess::Uncertain {
+                view.position_sigma_m = view.position_sigma_m.map(|sigma_m| 2.0 * sigma_m);
+                view.rotation_sigma_rad = view.rotation_sigma_rad.map(|sigma_rad| 2.0 * sigma_rad);
+            }
+            view
+        };
+        (0..lost.len()).map(view).collect()
+    }
+}
+
+/// The view of a photo that has found its place.
+pub(super) fn placed_view(tunnel_from_cam: Isometry3<f64>) -> ViewPose {
+    let [position_m, rotation_rad] = PLACED_SIGMAS;
+    ViewPose { tunnel_from_cam, position_sigma_m: [position_m; 3], rotation_sigma_rad: [rotation_rad; 3], drift_m: 0.0 }
+}
+
+/// A photo's prior view, moved along the axis as the placed photos before and after it were (`moved`, metres).
+fn beside(prior: &[ViewPose], photo: usize, placed: &[usize], moved: impl Fn(usize) -> f64) -> ViewPose {
+    let mut view = prior[photo];
+    let after = placed.partition_point(|&other| other < photo);
+    let beside = [after.checked_sub(1).and_then(|before| placed.get(before)), placed.get(after)];
+    let [Some(&before), Some(&after)] = beside else {
+        let Some(&only) = beside.into_iter().flatten().next() else { return view };
+        view.tunnel_from_cam.translation.vector += Vector3::x() * moved(only);
+        view.position_sigma_m[0] = view.position_sigma_m[0].hypot(prior[photo].drift_m - prior[only].drift_m);
+        view.drift_m = 0.0;
+        return view;
+    };
+    let share = (photo - before) as f64 / (after - before) as f64;
+    view.tunnel_from_cam.translation.vector += Vector3::x() * ((1.0 - share) * moved(before) + share * moved(after));
+    let drift_m = (prior[photo].drift_m - prior[before].drift_m).min(prior[after].drift_m - prior[photo].drift_m);
+    view.position_sigma_m[0] = view.position_sigma_m[0].hypot(drift_m);
+    view.drift_m = 0.0;
+    view
+}
+
+/// For every lost photo the guess that its matches believe.
+fn best_guesses(lost: &[bool], tried: &[(Guess, Vec<Option<CaptureTag>>, MatchRound)]) -> Vec<Option<Guess>> {
+    let evidence: Vec<Vec<[u32; 2]>> = tried
+        .iter()
+        .map(|(_, _, round)| {
+            let mut evidence = vec![[0; 2]; lost.len()];
+            for pair in round.pairs.iter().filter(|pair| pair.kept && !pair.is_doubtful()) {
+                for photo in [pair.first as usize, pair.second as usize].into_iter().filter(|&photo| lost[photo]) {
+                    evidence[photo][0] += pair.agreeing;
+                    evidence[photo][1] += 1;
+                }
+            }
+            evidence
+        })
+        .collect();
+    let best = |photo: usize| {
+        let of_guess = |guess: usize| evidence[guess][photo];
+        let guess = (0..tried.len()).rev().max_by_key(|&guess| of_guess(guess)[0])?;
+        let [agreeing, pairs] = of_guess(guess);
+        (lost[photo] && agreeing >= LEAST_AGREEING && pairs >= 2).then(|| tried[guess].0)
+    };
+    (0..lost.len()).map(best).collect()
+}
