@@ -118,6 +118,8 @@ pub struct PairReport {
     pub kept: bool,
     /// The search was repeated in a wider window.
     pub widened: bool,
+    /// Median of what the agreeing matches say: place found by the second photo minus place in the first, `[s, x]` metres.
+    pub shift_m: [f64; 2],
     /// Not searched at all: the poses are too uncertain against each other for the greatest window.
     pub too_uncertain: bool,
 }

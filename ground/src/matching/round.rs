@@ -12,6 +12,7 @@ use super::patch::Patch;
 use super::search::{Search, SearchSize};
 use super::wall::{BLOCK, Footprint, WallGrid};
 use super::{MatchConfig, MatchRound, PairReport, Photos, Pixels, ViewPose};
+use crate::adjust::median;
 use crate::adjust::tracks::{Observation, Tracks};
 
 /// Points of a pair that are searched for in the whole window before the others, about.
@@ -186,6 +187,7 @@ impl Round<'_> {
             agreeing: 0,
             kept: false,
             widened: false,
+            shift_m: [0.0; 2],
             too_uncertain: reach_px.iter().any(|&reach| reach > self.config.max_search_px),
         };
         if report.too_uncertain {
@@ -353,6 +355,10 @@ impl PairSearch<'_> {
         let motion = round.motion(self.photos, &matches, reach_px);
         matches.retain(|one| round.agrees(&motion, one));
         report.agreeing = matches.len() as u32;
+        report.shift_m = [0, 1].map(|axis| {
+            let shifts: Vec<f64> = matches.iter().map(|one| one.candidate.sign() * one.displacement[axis]).collect();
+            median(&shifts) * round.grid.step_m
+        });
         let least = (round.config.min_agreeing_share * f64::from(report.matched)).max(round.config.min_agreeing as f64);
         report.kept = f64::from(report.agreeing) >= least;
         matches

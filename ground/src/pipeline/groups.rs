@@ -26,12 +26,11 @@ pub(super) fn registered(tracks: &Tracks, photos: usize) -> Vec<bool> {
 
 /// Tells for each photo whether it belongs to the largest group that `joined` pairs hold together; nobody does alone.
 pub(super) fn hanging_together(joined: impl IntoIterator<Item = [usize; 2]>, photos: usize) -> Vec<bool> {
-    let mut group: Vec<usize> = (0..photos).collect();
+    let mut groups = Groups::new(photos);
     for pair in joined {
-        let [one, other] = pair.map(|photo| root(&mut group, photo));
-        group[one] = other;
+        groups.join(pair);
     }
-    let roots: Vec<usize> = (0..photos).map(|photo| root(&mut group, photo)).collect();
+    let roots: Vec<usize> = (0..photos).map(|photo| groups.root(photo)).collect();
     let mut sizes: BTreeMap<usize, usize> = BTreeMap::new();
     for &root in &roots {
         *sizes.entry(root).or_default() += 1;
@@ -40,13 +39,30 @@ pub(super) fn hanging_together(joined: impl IntoIterator<Item = [usize; 2]>, pho
     roots.into_iter().map(|root| Some(root) == largest).collect()
 }
 
-/// Representative of a photo's group (union-find with halving).
-fn root(group: &mut [usize], mut photo: usize) -> usize {
-    while group[photo] != photo {
-        group[photo] = group[group[photo]];
-        photo = group[photo];
+/// Photos in groups (union-find with halving).
+pub(super) struct Groups(Vec<usize>);
+
+impl Groups {
+    /// Every photo alone.
+    pub(super) fn new(photos: usize) -> Self {
+        Self((0..photos).collect())
     }
-    photo
+
+    /// Joins the groups of two photos; false if they are one already.
+    pub(super) fn join(&mut self, photos: [usize; 2]) -> bool {
+        let [one, other] = photos.map(|photo| self.root(photo));
+        self.0[one] = other;
+        one != other
+    }
+
+    /// Representative of a photo's group.
+    fn root(&mut self, mut photo: usize) -> usize {
+        while self.0[photo] != photo {
+            self.0[photo] = self.0[self.0[photo]];
+            photo = self.0[photo];
+        }
+        photo
+    }
 }
 
 /// What an adjustment makes of a pair's matches.

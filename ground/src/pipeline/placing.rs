@@ -15,7 +15,7 @@ use adit_protocol::tag::CaptureTag;
 use anyhow::Result;
 use nalgebra::{Isometry3, Vector3};
 
-use super::groups::{PairShare, hanging_together, pair_shares};
+use super::groups::{Groups, PairShare, hanging_together, pair_shares};
 use super::progress::StageProgress;
 use super::solve::{COARSE_MATCH_PX, CoarseStage, PriorStage, ROBUST, RoundSummary, SURFACE_M, Solver, TagSlip};
 use crate::adjust::tracks::Tracks;
@@ -96,6 +96,9 @@ impl<'a> Placing<'a> {
         let round = self.round(&views, &config, &|_| true, progress);
         self.unusable.clone_from(&round.unusable);
         self.take(round, |_| true);
+        if self.pairs.values().any(|pair| pair.too_uncertain) {
+            self.line_up();
+        }
         let mut report = self.adjust()?;
         for _ in 0..MOST_ROUNDS {
             let opened = self.search_open_pairs(&config, progress);
@@ -117,6 +120,37 @@ impl<'a> Placing<'a> {
             adjustment: report,
             losses: self.losses,
         })
+    }
+
+    /// Moves the photos along the axis to where their pairs' shifts say, from photo to photo over the best joined pairs.
+    ///
+    /// A photo's unknown tilt shifts what it sees as well, but cancels along the chain: each place is wrong by its own
+    /// photo's tilt only.
+    fn line_up(&mut self) {
+        let mut joins: Vec<&PairReport> = self.pairs.values().filter(|pair| is_joined(pair)).collect();
+        joins.sort_by_key(|pair| std::cmp::Reverse(pair.agreeing));
+        let tree = spanning_tree(self.views.len(), &joins);
+        let mut moved = vec![None; self.views.len()];
+        for root in 0..moved.len() {
+            if moved[root].is_some() {
+                continue;
+            }
+            moved[root] = Some(0.0);
+            let mut open = vec![root];
+            while let Some(from) = open.pop() {
+                let Some(from_m) = moved[from] else { continue };
+                for &(to, shift_m) in &tree[from] {
+                    if moved[to].is_none() {
+                        // A camera that stands farther along than believed sees everything nearer than it is.
+                        moved[to] = Some(from_m - shift_m);
+                        open.push(to);
+                    }
+                }
+            }
+        }
+        for (view, moved_m) in self.views.iter_mut().zip(moved) {
+            view.tunnel_from_cam.translation.x += moved_m.unwrap_or_default();
+        }
     }
 
     fn round(
@@ -155,13 +189,17 @@ impl<'a> Placing<'a> {
     /// place, and the rest is adjusted again.
     fn adjust(&mut self) -> Result<AdjustReport> {
         loop {
-            let joins = |pair: &&PairReport| pair.kept && !pair.is_doubtful();
-            let joined = self.pairs.values().filter(joins).map(|pair| [pair.first as usize, pair.second as usize]);
+            let joined = self
+                .pairs
+                .values()
+                .filter(|pair| is_joined(pair))
+                .map(|pair| [pair.first as usize, pair.second as usize]);
             self.placed = hanging_together(joined, self.placed.len());
             let mut tracks = self.tracks.clone();
             tracks.retain(|_, seen| self.placed[seen.photo as usize], |_, seen| seen.len() >= 2);
             let weights = Weights { pixel_px: COARSE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
-            let poses = self.views.iter().map(|view| view.tunnel_from_cam).collect();
+            let poses: Vec<Isometry3<f64>> = self.views.iter().map(|view| view.tunnel_from_cam).collect();
+            self.solver.put_on_wall(&mut tracks, &poses);
             let adjusted = self.solver.adjusted(&self.tags, poses, &mut tracks, self.shared, &weights)?;
             self.shared = adjusted.shared;
             let shares = pair_shares(&tracks, &adjusted.poses, &self.solver.survey.config.camera.camera, DISPUTED_PX);
@@ -306,6 +344,25 @@ impl<'a> Placing<'a> {
     }
 }
 
+/// The pair holds its photos together.
+fn is_joined(pair: &PairReport) -> bool {
+    pair.kept && !pair.is_doubtful()
+}
+
+/// For every photo its neighbours in a tree of the first pairs that close no ring, with the neighbour's shift along the axis.
+fn spanning_tree(photos: usize, pairs: &[&PairReport]) -> Vec<Vec<(usize, f64)>> {
+    let mut tree = vec![Vec::new(); photos];
+    let mut groups = Groups::new(photos);
+    for pair in pairs {
+        let [first, second] = [pair.first as usize, pair.second as usize];
+        if groups.join([first, second]) {
+            tree[first].push((second, pair.shift_m[1]));
+            tree[second].push((first, -pair.shift_m[1]));
+        }
+    }
+    tree
+}
+
 /// The view of a photo that has found its place.
 pub(super) fn placed_view(tunnel_from_cam: Isometry3<f64>) -> ViewPose {
     let [position_m, rotation_rad] = PLACED_SIGMAS;
@@ -338,7 +395,7 @@ fn best_guesses(lost: &[bool], tried: &[(Guess, Vec<Option<CaptureTag>>, MatchRo
         .iter()
         .map(|(_, _, round)| {
             let mut evidence = vec![[0; 2]; lost.len()];
-            for pair in round.pairs.iter().filter(|pair| pair.kept && !pair.is_doubtful()) {
+            for pair in round.pairs.iter().filter(|pair| is_joined(pair)) {
                 for photo in [pair.first as usize, pair.second as usize].into_iter().filter(|&photo| lost[photo]) {
                     evidence[photo][0] += pair.agreeing;
                     evidence[photo][1] += 1;

@@ -312,6 +312,22 @@ impl<'a> Solver<'a> {
         Ok(adjusted)
     }
 
+    /// Puts every point where its first observation's ray meets the section.
+    pub(super) fn put_on_wall(&self, tracks: &mut Tracks, poses: &[Isometry3<f64>]) {
+        let camera = &self.survey.config.camera.camera;
+        let hit = |seen: &crate::adjust::tracks::Observation| {
+            let pose = &poses[seen.photo as usize];
+            let direction = pose.rotation * camera.unproject(&Vector2::from(seen.pixel.map(f64::from)))?;
+            let centre = pose.translation.vector;
+            let hit = self.profile.ray_cast(centre.yz(), direction.yz())?;
+            Some(Point3::from(centre + direction * hit.distance))
+        };
+        let hits: Vec<Option<Point3<f64>>> = tracks.iter().map(|(_, seen)| hit(&seen[0])).collect();
+        for (position, hit) in tracks.positions_mut().iter_mut().zip(hits) {
+            *position = hit.unwrap_or(*position);
+        }
+    }
+
     fn pruning(&self) -> Pruning {
         let (low, high) = self.profile.bounds();
         let across_m = (high - low).min();
