@@ -11,8 +11,8 @@ use super::groups::registered;
 use super::photos::{SurveyPhotos, photo_mask};
 use super::progress::StageProgress;
 use crate::adjust::{
-    AdjustReport, Adjusted, Observation, Point, Problem, PruneCounts, Pruning, Shared, Weights, adjust, pose_sigmas,
-    prune,
+    AdjustReport, Covariances, Loss as MatchLoss, Observation, Problem, PruneCounts, Pruning, Shared, SharedSigmas,
+    Tracks, Weights, adjust, prune,
 };
 use crate::matching::{MatchConfig, MatchRound, PairReport, StarTrack, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction, Sighting, Track};
@@ -29,8 +29,8 @@ const COARSE_SIGMAS: [f64; 2] = [0.002, 0.0005];
 const FINE_MATCH_PX: f64 = 0.3;
 /// No match is better than this, whatever the residuals say: the camera model itself is not.
 const LEAST_MATCH_PX: f64 = 0.05;
-/// Geman-McClure scale in standard deviations.
-const ROBUST: f64 = 3.0;
+/// Loss of a match.
+const ROBUST: MatchLoss = MatchLoss::GemanMcClure(3.0);
 /// Softness of the surface: real linings are out of shape by centimetres, and points must be free to say so.
 const SURFACE_M: f64 = 0.05;
 
@@ -156,7 +156,7 @@ impl<'a> Solver<'a> {
     /// If the survey's section cannot be built.
     pub fn new(survey: &'a Survey, options: SolveOptions) -> Result<Self> {
         let profile = survey.config.profile.build().context("survey.toml: [tunnel]")?;
-        let tags = survey.photos.iter().map(|photo| TagPrior::from_tag(&photo.tag)).collect();
+        let tags = survey.photos.iter().map(|photo| TagPrior::from_tag(&photo.tag, &survey.config.sigma)).collect();
         Ok(Self { survey, profile, tags, options })
     }
 
@@ -179,9 +179,8 @@ impl<'a> Solver<'a> {
         let config = MatchConfig::wide(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
         let (round, losses) = self.round(&prior.poses, &sigmas, &config, progress);
         let points = self.points_on_wall(&round.tracks, &prior.poses);
-        let mount_rotvec = Vector3::from(self.survey.config.rig.mount_rotvec_rad);
-        let weights = Weights { pixel_px: COARSE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
-        let shared = Shared { mount_rotvec, odometer_scale: 0.0 };
+        let weights = Weights { pixel_px: COARSE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
+        let shared = self.nominal();
         let adjusted = adjust(&self.problem(&prior.poses, &points, shared), &weights)?;
         Ok(CoarseStage {
             doubtful: round.doubtful_photos(adjusted.poses.len()),
@@ -209,7 +208,7 @@ impl<'a> Solver<'a> {
         }
         let (round, _) = self.round(&coarse.poses, &sigmas, &config, progress);
         let points = self.points_on_wall(&round.tracks, &coarse.poses);
-        let tracks = points.into_iter().map(|point| track_of(&point, 0.0)).collect();
+        let tracks = points.iter().map(|(position, seen)| track_of(position, seen, 0.0)).collect();
         MatchStage { tracks, round: RoundSummary::new(&round, self.survey) }
     }
 
@@ -219,11 +218,12 @@ impl<'a> Solver<'a> {
     /// If the normal equations cannot be solved or a mask cannot be read.
     pub fn adjust(&self, coarse: &CoarseStage, matches: &MatchStage) -> Result<AdjustStage> {
         let camera = &self.survey.config.camera.camera;
-        let mut points: Vec<Point> = matches.tracks.iter().map(point_of).collect();
-        let weights = Weights { pixel_px: FINE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
-        let shared = Shared { mount_rotvec: Vector3::from(coarse.shared.0), odometer_scale: coarse.shared.1 };
+        let mut points = flat(&matches.tracks);
+        let weights = Weights { pixel_px: FINE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
+        let (mount_rotvec, odometer_scale) = (Vector3::from(coarse.shared.0), coarse.shared.1);
+        let shared = Shared { mount_rotvec, odometer_scale, ..self.nominal() };
         let first = adjust(&self.problem(&coarse.poses, &points, shared), &weights)?;
-        move_points(&mut points, &first);
+        points.positions_mut().copy_from_slice(&first.points);
         // The matches' noise is what the first adjustment leaves (median of a two-dimensional normal: 1.18 sigma).
         let measured_px = first.report.median_after_px / 1.18;
         let weights = Weights { pixel_px: measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX), ..weights };
@@ -231,9 +231,9 @@ impl<'a> Solver<'a> {
         let masks = if pruning.mask { self.masks()? } else { Vec::new() };
         let pruned = prune(&mut points, &first.poses, camera, &self.profile, &masks, &pruning);
         let last = adjust(&self.problem(&first.poses, &points, first.shared), &weights)?;
-        move_points(&mut points, &last);
+        points.positions_mut().copy_from_slice(&last.points);
         let problem = self.problem(&last.poses, &points, last.shared);
-        let sigmas = pose_sigmas(&problem, &weights, &last)?;
+        let sigmas = Covariances::at(&problem, &weights)?.pose_sigmas();
         let registered = registered(&points, last.poses.len());
         let poses = self.survey.photos.iter().enumerate().map(|(index, photo)| PhotoPose {
             photo: photo.name.clone(),
@@ -243,7 +243,8 @@ impl<'a> Solver<'a> {
             status: if registered[index] { PoseStatus::Adjusted } else { PoseStatus::PriorOnly },
         });
         let poses = poses.collect();
-        let tracks = points.iter().map(|point| track_of(point, error_px(&problem, point))).collect();
+        let tracks = points.iter();
+        let tracks = tracks.map(|(at, seen)| track_of(at, seen, error_px(&problem, at, seen))).collect();
         let profile = self.survey.config.profile.clone();
         Ok(AdjustStage {
             reconstruction: Reconstruction { poses, tracks, camera: *camera, profile },
@@ -270,7 +271,11 @@ impl<'a> Solver<'a> {
         (0..self.survey.photos.len()).map(|photo| Ok(photo_mask(self.survey, photo)?)).collect()
     }
 
-    fn problem<'b>(&'b self, poses: &[Isometry3<f64>], points: &[Point], shared: Shared) -> Problem<'b> {
+    fn nominal(&self) -> Shared {
+        Shared::nominal(&self.survey.config.camera.camera, &self.survey.config.rig)
+    }
+
+    fn problem<'b>(&'b self, poses: &'b [Isometry3<f64>], tracks: &'b Tracks, shared: Shared) -> Problem<'b> {
         let config = &self.survey.config;
         Problem {
             camera: &config.camera.camera,
@@ -278,9 +283,11 @@ impl<'a> Solver<'a> {
             rig: &config.rig,
             sigma: config.sigma,
             tags: &self.tags,
-            poses: poses.to_vec(),
-            points: points.to_vec(),
+            poses,
+            tracks,
             shared,
+            shared_sigmas: SharedSigmas::of_tags(&config.sigma),
+            readout_s: 0.0,
         }
     }
 
@@ -309,46 +316,50 @@ impl<'a> Solver<'a> {
     }
 
     /// Star tracks as points, placed where the reference pixel's ray meets the nominal wall.
-    fn points_on_wall(&self, tracks: &[StarTrack], poses: &[Isometry3<f64>]) -> Vec<Point> {
+    fn points_on_wall(&self, tracks: &[StarTrack], poses: &[Isometry3<f64>]) -> Tracks {
         let camera = &self.survey.config.camera.camera;
-        let place = |track: &StarTrack| -> Option<Point> {
+        let place = |track: &StarTrack| -> Option<Point3<f64>> {
             let pose = &poses[track.reference.photo as usize];
             let direction = pose.rotation * camera.unproject(&Vector2::from(track.reference.pixel))?;
             let centre = pose.translation.vector;
             let hit = self.profile.ray_cast(centre.yz(), direction.yz())?;
-            let position = Point3::from(centre + direction * hit.distance);
-            let mut observations: BTreeMap<u32, Vector2<f64>> =
-                track.others.iter().map(|found| (found.sighting.photo, found.sighting.pixel.into())).collect();
-            observations.insert(track.reference.photo, track.reference.pixel.into());
-            let observations =
-                observations.into_iter().map(|(photo, pixel)| Observation { photo: photo as usize, pixel }).collect();
-            Some(Point { position, observations })
+            Some(Point3::from(centre + direction * hit.distance))
         };
-        tracks.iter().filter_map(place).collect()
+        let mut points = Tracks::default();
+        for track in tracks {
+            let Some(position) = place(track) else { continue };
+            let mut sightings: BTreeMap<u32, [f64; 2]> =
+                track.others.iter().map(|found| (found.sighting.photo, found.sighting.pixel)).collect();
+            sightings.insert(track.reference.photo, track.reference.pixel);
+            points.push(position, sightings.into_iter().map(|(photo, pixel)| observation(photo, pixel)));
+        }
+        points
     }
 }
 
-fn move_points(points: &mut [Point], adjusted: &Adjusted) {
-    for (point, position) in points.iter_mut().zip(&adjusted.points) {
-        point.position = *position;
+fn observation(photo: u32, pixel: [f64; 2]) -> Observation {
+    Observation { photo, pixel: pixel.map(|value| value as f32) }
+}
+
+fn track_of(position: &Point3<f64>, seen: &[Observation], error_px: f64) -> Track {
+    let sighting = |seen: &Observation| Sighting { photo: seen.photo, pixel: seen.pixel.map(f64::from) };
+    Track { position: *position, sightings: seen.iter().map(sighting).collect(), error_px }
+}
+
+fn flat(tracks: &[Track]) -> Tracks {
+    let mut points = Tracks::default();
+    for track in tracks {
+        points.push(track.position, track.sightings.iter().map(|seen| observation(seen.photo, seen.pixel)));
     }
-}
-
-fn track_of(point: &Point, error_px: f64) -> Track {
-    let sighting = |seen: &Observation| Sighting { photo: seen.photo as u32, pixel: seen.pixel.into() };
-    Track { position: point.position, sightings: point.observations.iter().map(sighting).collect(), error_px }
-}
-
-fn point_of(track: &Track) -> Point {
-    let observation = |seen: &Sighting| Observation { photo: seen.photo as usize, pixel: Vector2::from(seen.pixel) };
-    Point { position: track.position, observations: track.sightings.iter().map(observation).collect() }
+    points
 }
 
 /// Root mean square reprojection error of a point.
-fn error_px(problem: &Problem<'_>, point: &Point) -> f64 {
-    let squared = point.observations.iter().map(|seen| {
-        let in_cam = problem.poses[seen.photo].inverse_transform_point(&point.position).coords;
-        problem.camera.project(&in_cam).map_or(0.0, |pixel| (pixel - seen.pixel).norm_squared())
+fn error_px(problem: &Problem<'_>, position: &Point3<f64>, seen: &[Observation]) -> f64 {
+    let squared = seen.iter().map(|seen| {
+        let in_cam = problem.poses[seen.photo as usize].inverse_transform_point(position).coords;
+        let pixel = Vector2::from(seen.pixel.map(f64::from));
+        problem.camera.project(&in_cam).map_or(0.0, |projected| (projected - pixel).norm_squared())
     });
-    (squared.sum::<f64>() / point.observations.len().max(1) as f64).sqrt()
+    (squared.sum::<f64>() / seen.len().max(1) as f64).sqrt()
 }

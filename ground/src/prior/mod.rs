@@ -7,6 +7,7 @@ pub use size::{SizeEstimate, estimate_size};
 use adit_geometry::centring::general::{self as centring, Centring};
 use adit_geometry::profile::Profile;
 use adit_geometry::rig::{Rig, attitude};
+use adit_protocol::mission::Sigma;
 use adit_protocol::tag::CaptureTag;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 
@@ -32,11 +33,14 @@ pub struct TagPrior {
     pub range_head_m: Option<f64>,
     /// Distance along the axis.
     pub odometer_m: Option<f64>,
+    /// One standard deviation of the rotation that shaft angle and attitude predict: roll, pitch, yaw about the tunnel's axes;
+    /// infinite where nothing is known.
+    pub rotation_sigma_rad: [f64; 3],
 }
 
 impl TagPrior {
-    /// Reads a tag.
-    pub fn from_tag(tag: &CaptureTag) -> Self {
+    /// Reads a tag of a survey with the given uncertainties.
+    pub fn from_tag(tag: &CaptureTag, sigma: &Sigma) -> Self {
         let attitude_rad = tag.attitude_rad.map(|angles| angles.map(f64::from));
         let mut prior = Self {
             shaft_rad: f64::from(tag.shaft_rad),
@@ -44,6 +48,7 @@ impl TagPrior {
             beams: Vec::new(),
             range_head_m: tag.range_head_m.map(f64::from),
             odometer_m: tag.odometer_m.map(f64::from),
+            rotation_sigma_rad: [sigma.shaft_rad.hypot(sigma.attitude_rad), sigma.attitude_rad, sigma.attitude_rad],
         };
         let tunnel_from_body = prior.tunnel_from_body_rotation();
         let readings =
