@@ -18,7 +18,7 @@ pub struct PoseSigma {
 
 /// Covariances at an estimate.
 ///
-/// First order, with the robust losses' own information (`Loss::information_factor`): right if matches that are not wrong have
+/// First order, with the robust losses' own information (`Loss::information`): right if matches that are not wrong have
 /// the noise that `Weights::pixel_px` says.
 #[derive(Clone, Debug)]
 pub struct Covariances {

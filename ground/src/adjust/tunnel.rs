@@ -344,3 +344,6 @@ impl Rows<'_, '_> {
         self.emit((fix.body.value.x - fix.reading_m) * per_m, Loss::Squared);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -100,7 +100,7 @@ pub(super) struct Weighting {
     /// One standard deviation, pixels.
     pub(super) pixel_px: f64,
     pub(super) loss: Loss,
-    /// For covariances: factor on the weights, see [`Loss::information_factor`].
+    /// For covariances: what a residual that is believed weighs, see [`Loss::information`].
     pub(super) information: Option<f64>,
 }
 
@@ -111,7 +111,17 @@ impl Weighting {
         let information = self.pixel_px.powi(-2);
         let squared_px = residual.map_or(UNSEEN_PX * UNSEEN_PX, Vector2::norm_squared);
         let (cost, weight) = self.loss.at(squared_px * information);
-        (cost, weight * information * self.information.unwrap_or(1.0))
+        let weight = match self.information {
+            Some(believed) => {
+                if self.loss.believes(squared_px * information) {
+                    believed
+                } else {
+                    0.0
+                }
+            }
+            None => weight,
+        };
+        (cost, weight * information)
     }
 }
 
@@ -235,7 +245,7 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
         weighting: &Weighting,
         state: &State<M::Estimate>,
     ) -> Result<Covariances<C>, NotPositiveDefinite> {
-        let weighting = Weighting { information: Some(weighting.loss.information_factor(2)), ..*weighting };
+        let weighting = Weighting { information: Some(weighting.loss.information(2)), ..*weighting };
         let equations = self.system.eliminate(self.model, &self.layout, &weighting, state, 0.0);
         let blocks = Factor::new(equations.matrix)?.inverse_diagonal();
         let camera = |camera: usize| SMatrix::from_fn(|i, j| blocks[self.layout.position(camera)][(i, j)]);
