@@ -2,7 +2,7 @@
 //!
 //! Pixels: (0.5, 0.5) is the centre of the first pixel. `cam` frame: x right, y down, z forward.
 
-use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
 use crate::Real;
 
@@ -97,6 +97,45 @@ impl<T: Real> Camera<T> {
             }
         };
         Some((pixel, jacobian))
+    }
+
+    /// Returns the derivative of the pixel with respect to `fx fy cx cy` and the distortion coefficients in the model's order
+    /// (2 x 9; the last column is zero for Kannala-Brandt, which has four).
+    ///
+    /// Meaningless where [`Self::project`] is `None`.
+    pub fn jacobian_by_intrinsics(&self, point_in_cam: &Vector3<T>) -> SMatrix<T, 2, 9> {
+        let [fx, fy] = self.focal_px;
+        let (zero, one, two) = (T::zero(), T::one(), T::of(2.0));
+        let (plane, by_distortion) = match self.distortion {
+            Distortion::BrownConrady(k) => {
+                let p = point_in_cam.xy() / point_in_cam.z;
+                let (r2, xy) = (p.norm_squared(), two * p.x * p.y);
+                let (tangential_x, tangential_y) = (r2 + two * p.x * p.x, r2 + two * p.y * p.y);
+                let tangential = [Vector2::new(xy, tangential_y), Vector2::new(tangential_x, xy)];
+                (brown(&k, p), [p * r2, p * (r2 * r2), tangential[0], tangential[1], p * (r2 * r2 * r2)])
+            }
+            Distortion::KannalaBrandt(k) => {
+                let radius = point_in_cam.xy().norm();
+                let theta = radius.atan2(point_in_cam.z);
+                let direction = if radius <= T::of(1e-12) { Vector2::zeros() } else { point_in_cam.xy() / radius };
+                let t2 = theta * theta;
+                let [a, b] = [theta * t2, theta * t2 * t2];
+                let columns = [direction * a, direction * b, direction * (b * t2), direction * (b * t2 * t2)];
+                (direction * kannala(&k, theta), [columns[0], columns[1], columns[2], columns[3], Vector2::zeros()])
+            }
+        };
+        let [a, b, c, d, e] = by_distortion.map(|column| Vector2::new(fx * column.x, fy * column.y));
+        SMatrix::from_columns(&[
+            Vector2::new(plane.x, zero),
+            Vector2::new(zero, plane.y),
+            Vector2::new(one, zero),
+            Vector2::new(zero, one),
+            a,
+            b,
+            c,
+            d,
+            e,
+        ])
     }
 
     /// Returns the viewing direction of a pixel in the `cam` frame (not of unit length: for Brown-Conrady z = 1).

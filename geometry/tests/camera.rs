@@ -61,7 +61,44 @@ fn check_jacobian(camera: &Camera<f64>, point: Vector3<f64>) {
     }
 }
 
+fn check_jacobian_by_intrinsics(camera: &Camera<f64>, point: Vector3<f64>) {
+    if camera.project(&point).is_none() {
+        return;
+    }
+    let jacobian = camera.jacobian_by_intrinsics(&point);
+    for unknown in 0..9 {
+        let at = |step: f64| {
+            let mut moved = *camera;
+            match (unknown, &mut moved.distortion) {
+                (0 | 1, _) => moved.focal_px[unknown] += step,
+                (2 | 3, _) => moved.centre_px[unknown - 2] += step,
+                (_, Distortion::BrownConrady(k)) => k[unknown - 4] += step,
+                (8, Distortion::KannalaBrandt(_)) => {}
+                (_, Distortion::KannalaBrandt(k)) => k[unknown - 4] += step,
+            }
+            moved.project(&point)
+        };
+        let step = if unknown < 4 { 1e-4 } else { 1e-7 };
+        let (Some(low), Some(high)) = (at(-step), at(step)) else { return };
+        let difference = (high - low) / (2.0 * step);
+        let error = (difference - jacobian.column(unknown)).norm();
+        assert!(
+            error < 1e-5 * (1.0 + difference.norm()),
+            "unknown {unknown}: {difference:?} {:?}",
+            jacobian.column(unknown)
+        );
+    }
+}
+
 proptest! {
+    #[test]
+    fn jacobians_by_intrinsics_agree_with_differences(x in -2.0f64..2.0, y in -2.0f64..2.0, z in 0.3f64..5.0) {
+        let point = Vector3::new(x, y, z);
+        check_jacobian_by_intrinsics(&brown(), point);
+        check_jacobian_by_intrinsics(&kannala(), point);
+        check_jacobian_by_intrinsics(&gopro(), point);
+    }
+
     #[test]
     fn unproject_is_the_inverse_of_project(u in 0.0f64..1000.0, v in 0.0f64..750.0) {
         let pixel = Vector2::new(u, v);

@@ -4,8 +4,10 @@ mod file;
 
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::ProfileSpec;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
+
+use crate::adjust::{PhotoQuality, Tracks};
 
 pub use file::{PosesError, read_poses, write_poses};
 
@@ -32,26 +34,8 @@ pub struct PhotoPose {
     pub rotation_sigma_rad: [f64; 3],
     /// How it was found.
     pub status: PoseStatus,
-}
-
-/// One image of a point.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Sighting {
-    /// Index of the photo in [`Reconstruction::poses`].
-    pub photo: u32,
-    /// Pixel, (0.5, 0.5) = centre of the first pixel.
-    pub pixel: [f64; 2],
-}
-
-/// A point that several photos saw.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Track {
-    /// Position in the tunnel frame.
-    pub position: Point3<f64>,
-    /// Where it was seen.
-    pub sightings: Vec<Sighting>,
-    /// Root mean square of the reprojection errors.
-    pub error_px: f64,
+    /// How well its matches agree with it.
+    pub quality: PhotoQuality,
 }
 
 /// Poses, points, camera and section after the adjustment.
@@ -59,8 +43,8 @@ pub struct Track {
 pub struct Reconstruction {
     /// One per photo of the survey, in the same order.
     pub poses: Vec<PhotoPose>,
-    /// Points that survived pruning.
-    pub tracks: Vec<Track>,
+    /// Points that survived pruning, with the photos that saw them.
+    pub tracks: Tracks,
     /// The camera, refined if the survey allowed it.
     pub camera: Camera<f64>,
     /// The section, refined from the ranges where they say so.

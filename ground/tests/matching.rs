@@ -27,7 +27,8 @@ fn run(
     rotation_sigma_deg: f64,
 ) -> (MatchRound, Transfer) {
     let poses = sample.perturbed(position_sigma_m, rotation_sigma_deg.to_radians(), 7);
-    let round = match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), config, &|_| ());
+    let round =
+        match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), config, &|_| true, &|_| ());
     let transfer = Transfer::new(&round, &sample.camera, &sample.truth, |pose, pixel| nominal_hit(sample, pose, pixel));
     (round, transfer)
 }

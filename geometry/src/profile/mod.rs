@@ -145,7 +145,11 @@ impl<T: Real> Profile<T> {
         }
         let (distance_m, index, along_m) = best?;
         let surface = self.surface_on(index, along_m)?;
-        let clearance_m = if self.contains(point) { distance_m } else { -distance_m };
+        // Off the ends of a piece the normal tells the side; only at a corner all pieces have a say.
+        let ahead_m = (point - surface.point).dot(&surface.normal);
+        let inside =
+            if ahead_m.abs() >= distance_m * T::of(0.99) { ahead_m >= T::zero() } else { self.contains(point) };
+        let clearance_m = if inside { distance_m } else { -distance_m };
         Some(Nearest { clearance_m, surface })
     }
 

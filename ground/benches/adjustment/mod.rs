@@ -3,12 +3,12 @@
 use adit_geometry::camera::{Camera, Distortion};
 use adit_geometry::profile::{Profile, ProfileSpec};
 use adit_geometry::rig::{ImageUp, Rig};
-use adit_ground::adjust::{Observation, Point, Problem, Shared, Weights};
+use adit_ground::adjust::{Loss, Observation, Problem, Shared, SharedSigmas, Tracks, Weights};
 use adit_ground::prior::{TagPrior, prior_poses};
 use adit_protocol::mission::Sigma;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3};
 
-pub(crate) const WEIGHTS: Weights = Weights { pixel_px: 0.1, robust: 3.0, surface_m: 0.05 };
+pub(crate) const WEIGHTS: Weights = Weights { pixel_px: 0.1, loss: Loss::GemanMcClure(3.0), surface_m: 0.05 };
 const STEP_M: f64 = 0.1;
 const POINTS_PER_PHOTO: usize = 150;
 /// A point is looked for in photos at most so far away along the axis: about seven photos see it.
@@ -19,7 +19,8 @@ pub(crate) struct Scene {
     profile: Profile<f64>,
     rig: Rig<f64>,
     tags: Vec<TagPrior>,
-    points: Vec<Point>,
+    poses: Vec<Isometry3<f64>>,
+    tracks: Tracks,
 }
 
 impl Scene {
@@ -47,52 +48,55 @@ impl Scene {
                 beams: Vec::new(),
                 range_head_m: None,
                 odometer_m: Some(STEP_M * photo as f64),
+                rotation_sigma_rad: [0.031, 0.026, 0.026],
             })
             .collect();
-        let mut scene = Self { camera, profile, rig, tags, points: Vec::new() };
-        scene.points = scene.wall_points();
+        let poses = prior_poses(&tags, &rig, &profile, 0.02);
+        let mut scene = Self { camera, profile, rig, tags, poses, tracks: Tracks::default() };
+        scene.add_wall_points();
         scene
     }
 
     /// Points spread evenly over the wall (golden ratio), with their exact sightings.
-    fn wall_points(&self) -> Vec<Point> {
-        let poses = prior_poses(&self.tags, &self.rig, &self.profile, 0.02);
+    fn add_wall_points(&mut self) {
         let length_m = STEP_M * self.tags.len() as f64;
         let count = POINTS_PER_PHOTO * self.tags.len();
-        let place = |index: usize| -> Option<Point> {
+        for index in 0..count {
             let x_m = length_m * index as f64 / count as f64;
-            let around = self.profile.at(self.profile.perimeter_m() * (index as f64 * 0.618_034).fract())?;
+            let s_m = self.profile.perimeter_m() * (index as f64 * 0.618_034).fract();
+            let around = self.profile.at(s_m).expect("a finite arc length");
             let position = Point3::new(x_m, around.point.x, around.point.y);
-            let observations: Vec<Observation> = poses
+            let seen: Vec<Observation> = self
+                .poses
                 .iter()
                 .enumerate()
                 .filter(|(_, pose)| (pose.translation.x - x_m).abs() < REACH_M)
                 .filter_map(|(photo, pose)| {
                     let pixel = self.camera.project(&pose.inverse_transform_point(&position).coords)?;
-                    self.camera.contains(&pixel, 5.0).then_some(Observation { photo, pixel })
+                    let pixel_px = [pixel.x as f32, pixel.y as f32];
+                    self.camera.contains(&pixel, 5.0).then_some(Observation { photo: photo as u32, pixel: pixel_px })
                 })
                 .collect();
-            (observations.len() >= 2).then_some(Point { position, observations })
-        };
-        (0..count).filter_map(place).collect()
+            if seen.len() >= 2 {
+                self.tracks.push(position, seen);
+            }
+        }
     }
 
     pub(crate) fn problem(&self) -> Problem<'_> {
+        let sigma =
+            Sigma { shaft_rad: 0.017, range_m: 0.02, odometer_m_per_m: 0.02, attitude_rad: 0.026, mount_rad: 0.017 };
         Problem {
             camera: &self.camera,
             profile: &self.profile,
             rig: &self.rig,
-            sigma: Sigma {
-                shaft_rad: 0.017,
-                range_m: 0.02,
-                odometer_m_per_m: 0.02,
-                attitude_rad: 0.026,
-                mount_rad: 0.017,
-            },
+            sigma,
             tags: &self.tags,
-            poses: prior_poses(&self.tags, &self.rig, &self.profile, 0.02),
-            points: self.points.clone(),
-            shared: Shared { mount_rotvec: Vector3::zeros(), odometer_scale: 0.0 },
+            poses: &self.poses,
+            tracks: &self.tracks,
+            shared: Shared::nominal(&self.camera, &self.rig),
+            shared_sigmas: SharedSigmas::of_tags(&sigma),
+            readout_s: 0.0,
         }
     }
 }

@@ -1,34 +1,48 @@
-//! Bundle adjustment of a tunnel survey: camera poses, free points, camera mounting and odometer scale from matches, tags and
-//! the known section.
+//! Bundle adjustment: camera poses, free points and what all photos share, from matches, tags and the known section; and the
+//! benchmark problems of "Bundle Adjustment in the Large" ([`bal`]) by the same solver.
 //!
-//! Points are free with a soft surface prior (`Weights::surface_m`); the profile is fixed, for its size is the metric scale
-//! and photos cannot see it. On a circle the roll about the axis is a gauge that only shaft angle, attitude and mounting
-//! hold: nothing here can improve it, and the reported rotation sigma says so.
+//! Points are free with a soft surface prior (`Weights::surface_m`). On a circle the roll about the axis is a gauge that only
+//! shaft angle, attitude and mounting hold: nothing here can improve it, and the reported rotation sigma says so; a bias of the
+//! shaft angle and a mounting turned about the axis cannot be told apart either. The profile's size is the metric scale: only
+//! range readings see it.
 //!
-//! Method: Levenberg-Marquardt with Nielsen's damping, points eliminated by Schur complement, envelope Cholesky on the rest;
-//! Geman-McClure loss on matches whose scale shrinks from a few times the median error to its final value (graduated
-//! non-convexity), because prior poses are off by tens of pixels.
+//! Method: Levenberg-Marquardt, points eliminated by Schur complement, envelope Cholesky on the rest (`solver`); a robust loss
+//! on matches whose scale shrinks from a few times the median error to its final value (graduated non-convexity: Yang et al.,
+//! "Graduated Non-Convexity for Robust Spatial Perception", 2020), because prior poses are off by tens of pixels.
+//!
+//! Single precision: pixels of observations, nothing else (see [`Observation::pixel`]; a test moves every pixel by half a unit in
+//! the last place and finds the poses where they were, within a hundredth of their sigma).
 
-mod envelope;
+pub mod bal;
+mod covariance;
 mod factors;
+mod loss;
 mod problem;
 mod prune;
-mod system;
-pub mod tracks;
+mod quality;
+mod shared;
+mod solver;
+mod tracks;
+mod tunnel;
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 
-pub use envelope::NotPositiveDefinite;
-pub use problem::{Observation, Point, Problem, Shared, Weights};
+pub use covariance::{Covariances, PoseSigma};
+pub use loss::Loss;
+pub use problem::{Problem, Weights};
 pub use prune::{PruneCounts, Pruning, prune};
-use system::{State, System};
+pub use quality::{PhotoQuality, photo_qualities};
+pub use shared::{Shared, SharedSigmas};
+pub use solver::NotPositiveDefinite;
+use solver::{Limits, Minimised, Solver, State, Weighting};
+pub use tracks::{Observation, Tracks};
+use tunnel::{Estimate, TunnelModel, WITH_POINTS, points_see_shared};
 
-/// Final relative decrease of the cost at which the iteration stops.
-const CONVERGED: f64 = 1e-6;
-const MAX_ITERATIONS: usize = 40;
-/// Damping beyond which no descent is to be had.
-const LAMBDA_MAX: f64 = 1e12;
+/// Final stage of an adjustment.
+const LIMITS: Limits = Limits { iterations: 40, decrease: 1e-6 };
+/// Iterations at each wider scale of the loss.
+const STAGE_ITERATIONS: usize = 6;
 
 /// What an adjustment did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -74,155 +88,63 @@ pub struct Adjusted {
     pub poses: Vec<Isometry3<f64>>,
     /// Points, in the problem's order.
     pub points: Vec<Point3<f64>>,
-    /// Mounting and odometer scale.
+    /// What all photos share.
     pub shared: Shared,
     /// What happened.
     pub report: AdjustReport,
 }
 
-/// One standard deviation of a pose.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PoseSigma {
-    /// About the camera's axes.
-    pub rotation_rad: [f64; 3],
-    /// Of the optical centre in the tunnel frame.
-    pub position_m: [f64; 3],
-}
-
 /// Adjusts the problem.
 ///
 /// # Errors
-/// [`NotPositiveDefinite`] if the normal equations cannot be solved (a bug or NaN in the input: the tags' priors make them
-/// positive definite).
+/// [`NotPositiveDefinite`] if the normal equations cannot be solved (a bug or NaN in the input: priors make them positive
+/// definite).
 pub fn adjust(problem: &Problem<'_>, weights: &Weights) -> Result<Adjusted, NotPositiveDefinite> {
+    if points_see_shared(problem) {
+        adjust_with::<WITH_POINTS>(problem, weights)
+    } else {
+        adjust_with::<0>(problem, weights)
+    }
+}
+
+fn adjust_with<const K: usize>(problem: &Problem<'_>, weights: &Weights) -> Result<Adjusted, NotPositiveDefinite> {
+    let model = TunnelModel::<K>::new(problem, weights.surface_m);
+    let mut solver = Solver::new(&model);
     let mut state = State {
-        poses: problem.poses.clone(),
-        points: problem.points.iter().map(|point| point.position).collect(),
-        shared: problem.shared,
+        estimate: Estimate::new(problem.poses.to_vec(), problem.shared),
+        points: problem.tracks.positions().to_vec(),
     };
-    let cost_before = system::cost(problem, weights, &state);
-    let errors = observation_errors_px(problem, &state);
-    let median_before_px = median(&errors);
+    let last = Weighting { pixel_px: weights.pixel_px, loss: weights.loss, information: None };
+    let cost_before = solver.cost(&last, &state);
+    let median_before_px = median(&solver.errors_px(&state));
     let mut iterations = 0;
     // A first scale that keeps most matches: three times the median error, then half of it each time.
-    let mut scale = (3.0 * median_before_px / weights.pixel_px / weights.robust).max(1.0);
-    let outcome = loop {
-        let stage = Weights { robust: weights.robust * scale, ..*weights };
-        let (outcome, used) = minimise(problem, &stage, &mut state, if scale > 1.0 { 6 } else { MAX_ITERATIONS })?;
-        iterations += used;
+    let mut scale = (3.0 * median_before_px / weights.pixel_px / weights.loss.scale()).max(1.0);
+    let Minimised { outcome, cost: cost_after, .. } = loop {
+        let stage = Weighting { loss: weights.loss.widened(scale), ..last };
+        let limits = if scale > 1.0 { Limits { iterations: STAGE_ITERATIONS, ..LIMITS } } else { LIMITS };
+        let minimised = solver.minimise(&stage, &mut state, limits)?;
+        iterations += minimised.iterations;
         if scale <= 1.0 {
-            break outcome;
+            break minimised;
         }
         scale = (scale * 0.5).max(1.0);
     };
-    let errors = observation_errors_px(problem, &state);
+    let errors_px = solver.errors_px(&state);
     let report = AdjustReport {
-        photos: state.poses.len(),
-        points: state.points.len(),
-        observations: errors.len(),
+        photos: problem.poses.len(),
+        points: problem.tracks.len(),
+        observations: errors_px.len(),
         iterations,
         cost_before,
-        cost_after: system::cost(problem, weights, &state),
+        cost_after,
         median_before_px,
-        median_after_px: median(&errors),
-        mean_after_px: errors.iter().sum::<f64>() / errors.len().max(1) as f64,
+        median_after_px: median(&errors_px),
+        mean_after_px: errors_px.iter().sum::<f64>() / errors_px.len().max(1) as f64,
         outcome,
     };
-    Ok(Adjusted { poses: state.poses, points: state.points, shared: state.shared, report })
-}
-
-/// Returns the standard deviation of every pose at an adjusted estimate.
-///
-/// # Errors
-/// [`NotPositiveDefinite`] if a pose is not determined.
-pub fn pose_sigmas(
-    problem: &Problem<'_>,
-    weights: &Weights,
-    adjusted: &Adjusted,
-) -> Result<Vec<PoseSigma>, NotPositiveDefinite> {
-    use rayon::prelude::*;
-    let state = State { poses: adjusted.poses.clone(), points: adjusted.points.clone(), shared: adjusted.shared };
-    let factor = system::linearise(problem, weights, &state).information()?;
-    Ok((0..state.poses.len())
-        .into_par_iter()
-        .map(|photo| {
-            let sigmas = factor.sigmas(photo * 6, 6);
-            PoseSigma { rotation_rad: [sigmas[0], sigmas[1], sigmas[2]], position_m: [sigmas[3], sigmas[4], sigmas[5]] }
-        })
-        .collect())
-}
-
-/// Levenberg-Marquardt at a fixed robust scale.
-fn minimise(
-    problem: &Problem<'_>,
-    weights: &Weights,
-    state: &mut State,
-    most: usize,
-) -> Result<(Outcome, usize), NotPositiveDefinite> {
-    let mut lambda = 1e-4;
-    let mut growth = 2.0;
-    let mut system: System = system::linearise(problem, weights, state);
-    for iteration in 0..most {
-        loop {
-            let step = system.step(lambda)?;
-            let candidate = stepped(state, &step);
-            let cost = system::cost(problem, weights, &candidate);
-            let decrease = system.cost - cost;
-            let gain = decrease / step.predicted;
-            if decrease > 0.0 && gain > 1e-3 {
-                *state = candidate;
-                lambda = (lambda * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-9);
-                growth = 2.0;
-                if decrease <= CONVERGED * system.cost {
-                    return Ok((Outcome::Converged, iteration + 1));
-                }
-                system = system::linearise(problem, weights, state);
-                break;
-            }
-            // At the optimum rounding decides the sign of the decrease.
-            if step.predicted <= CONVERGED * system.cost {
-                return Ok((Outcome::Converged, iteration + 1));
-            }
-            lambda *= growth;
-            growth *= 2.0;
-            if lambda > LAMBDA_MAX {
-                let settled = system.gradient_max() <= 1e-6 * (1.0 + system.cost);
-                return Ok((if settled { Outcome::Converged } else { Outcome::Stuck }, iteration + 1));
-            }
-        }
-    }
-    Ok((Outcome::IterationLimit, most))
-}
-
-fn stepped(state: &State, step: &system::Step) -> State {
-    let mut next = state.clone();
-    for (photo, pose) in next.poses.iter_mut().enumerate() {
-        let at = |offset: usize| step.cameras[photo * 6 + offset];
-        pose.rotation *= UnitQuaternion::from_scaled_axis(Vector3::new(at(0), at(1), at(2)));
-        pose.rotation.renormalize_fast();
-        pose.translation.vector += Vector3::new(at(3), at(4), at(5));
-    }
-    let shared = next.poses.len() * 6;
-    for axis in 0..3 {
-        next.shared.mount_rotvec[axis] += step.cameras[shared + axis];
-    }
-    next.shared.odometer_scale += step.cameras[shared + 3];
-    for (point, shift) in next.points.iter_mut().zip(&step.points) {
-        *point += shift;
-    }
-    next
-}
-
-/// Reprojection error of every observation that projects, pixels.
-fn observation_errors_px(problem: &Problem<'_>, state: &State) -> Vec<f64> {
-    let of_point = |(point, position): (&Point, &Point3<f64>)| {
-        let errors = point.observations.iter().filter_map(|observation| {
-            let in_cam = state.poses[observation.photo].inverse_transform_point(position).coords;
-            Some((problem.camera.project(&in_cam)? - observation.pixel).norm())
-        });
-        errors.collect::<Vec<f64>>()
-    };
-    problem.points.iter().zip(&state.points).flat_map(of_point).collect()
+    let State { estimate: Estimate { poses, shared, .. }, points } = state;
+    Ok(Adjusted { poses, points, shared, report })
 }
 
 /// The median; 0 of nothing.

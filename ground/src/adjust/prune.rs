@@ -3,11 +3,10 @@
 
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::problem::Point;
-use crate::raster::Mask;
+use super::tracks::Tracks;
 
 /// Which steps are taken, and their bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,50 +32,46 @@ pub struct PruneCounts {
     pub orphaned_points: usize,
 }
 
-/// Removes what violates the bounds from `points`.
+/// Removes what violates the bounds from `tracks`, at the given poses and the points' positions. `masked` tells for every
+/// observation, in order, whether its photo's mask hides it (what is not told is not hidden).
 pub fn prune(
-    points: &mut Vec<Point>,
+    tracks: &mut Tracks,
     poses: &[Isometry3<f64>],
     camera: &Camera<f64>,
     profile: &Profile<f64>,
-    masks: &[Option<Mask>],
+    masked: &[bool],
     pruning: &Pruning,
 ) -> PruneCounts {
     let mut counts = PruneCounts::default();
-    points.retain_mut(|point| {
+    let mut first = 0;
+    tracks.retain(|position, seen| {
+        let flags = masked.get(first..first + seen.len()).unwrap_or_default();
+        first += seen.len();
         if pruning.mask {
-            let before = point.observations.len();
-            point.observations.retain(|sighting| {
-                let Some(mask) = masks.get(sighting.photo).and_then(Option::as_ref) else { return true };
-                !is_masked(mask, sighting.pixel.x, sighting.pixel.y)
-            });
-            counts.masked_sightings += before - point.observations.len();
+            let before = seen.len();
+            let mut flags = flags.iter();
+            seen.retain(|_| !flags.next().copied().unwrap_or(false));
+            counts.masked_sightings += before - seen.len();
         }
         if let Some(most_m) = pruning.off_surface_m {
-            let clearance_m =
-                profile.nearest(point.position.yz().coords).map_or(f64::INFINITY, |near| near.clearance_m);
+            let clearance_m = profile.nearest(position.yz().coords).map_or(f64::INFINITY, |near| near.clearance_m);
             if !(clearance_m.abs() <= most_m) {
                 counts.off_surface_points += 1;
                 return false;
             }
         }
         if let Some(most_px) = pruning.reprojection_px {
-            let before = point.observations.len();
-            point.observations.retain(|sighting| {
-                let in_cam = poses[sighting.photo].inverse_transform_point(&point.position).coords;
-                camera.project(&in_cam).is_some_and(|pixel| (pixel - sighting.pixel).norm() <= most_px)
+            let before = seen.len();
+            seen.retain(|sighting| {
+                let in_cam = poses[sighting.photo as usize].inverse_transform_point(position).coords;
+                let pixel = Vector2::from(sighting.pixel.map(f64::from));
+                camera.project(&in_cam).is_some_and(|projected| (projected - pixel).norm() <= most_px)
             });
-            counts.large_error_sightings += before - point.observations.len();
+            counts.large_error_sightings += before - seen.len();
         }
-        let kept = point.observations.len() >= 2;
+        let kept = seen.len() >= 2;
         counts.orphaned_points += usize::from(!kept);
         kept
     });
     counts
-}
-
-fn is_masked(mask: &Mask, x: f64, y: f64) -> bool {
-    let column = (x.max(0.0) as usize).min(mask.width.saturating_sub(1));
-    let row = (y.max(0.0) as usize).min(mask.height.saturating_sub(1));
-    mask.at(column, row)[0] == 0
 }

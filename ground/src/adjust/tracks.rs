@@ -17,7 +17,7 @@ pub struct Observation {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tracks {
     positions: Vec<Point3<f64>>,
-    /// Where the images of the next point start, one per point.
+    /// Where the images of each point end.
     ends: Vec<u32>,
     observations: Vec<Observation>,
 }
@@ -66,29 +66,22 @@ impl Tracks {
         self.positions.iter().enumerate().map(|(point, position)| (position, self.of(point)))
     }
 
-    /// Keeps the images and points that the two tests accept: first each image, then the point with what is left of its images.
-    pub fn retain(
-        &mut self,
-        mut image: impl FnMut(&Point3<f64>, &Observation) -> bool,
-        mut point: impl FnMut(&Point3<f64>, &[Observation]) -> bool,
-    ) {
+    /// Keeps the points that `keep` accepts, with what it leaves of their images.
+    pub fn retain(&mut self, mut keep: impl FnMut(&Point3<f64>, &mut Vec<Observation>) -> bool) {
+        let mut images = Vec::new();
         let (mut points, mut kept, mut start) = (0, 0, 0);
         for index in 0..self.positions.len() {
             let (position, end) = (self.positions[index], self.ends[index] as usize);
-            let before = kept;
-            for seen in start..end {
-                if image(&position, &self.observations[seen]) {
-                    self.observations[kept] = self.observations[seen];
-                    kept += 1;
-                }
-            }
+            images.clear();
+            images.extend_from_slice(&self.observations[start..end]);
             start = end;
-            if point(&position, &self.observations[before..kept]) {
+            if keep(&position, &mut images) {
+                images.truncate(end - kept);
+                self.observations[kept..kept + images.len()].copy_from_slice(&images);
+                kept += images.len();
                 self.positions[points] = position;
                 self.ends[points] = kept as u32;
                 points += 1;
-            } else {
-                kept = before;
             }
         }
         self.positions.truncate(points);
@@ -111,7 +104,10 @@ mod tests {
         tracks.push(Point3::new(0.0, 0.0, 0.0), [seen(0), seen(1), seen(2)]);
         tracks.push(Point3::new(1.0, 0.0, 0.0), [seen(1), seen(2)]);
         tracks.push(Point3::new(2.0, 0.0, 0.0), [seen(3), seen(2), seen(4)]);
-        tracks.retain(|_, seen| seen.photo != 1, |_, seen| seen.len() >= 2);
+        tracks.retain(|_, seen| {
+            seen.retain(|seen| seen.photo != 1);
+            seen.len() >= 2
+        });
         let left: Vec<(f64, Vec<u32>)> =
             tracks.iter().map(|(at, seen)| (at.x, seen.iter().map(|seen| seen.photo).collect())).collect();
         assert_eq!(left, [(0.0, vec![0, 2]), (2.0, vec![3, 2, 4])]);

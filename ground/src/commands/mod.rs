@@ -1,5 +1,6 @@
 //! The subcommands: arguments in, a call into the library, figures out.
 
+mod adjust;
 mod board;
 mod evaluate;
 mod ingest;
@@ -59,6 +60,7 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
     Board(board::Arguments),
+    Adjust(adjust::Arguments),
 }
 
 impl Cli {
@@ -69,6 +71,7 @@ impl Cli {
             Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),
             Command::Board(arguments) => board::run(&arguments, &self.common),
+            Command::Adjust(arguments) => adjust::run(&arguments, &self.common),
         }
     }
 }

@@ -59,6 +59,9 @@ enum Pruning {
     Reprojection,
 }
 
+/// So many warnings are printed; report.json has all of them.
+const SHOWN_WARNINGS: usize = 20;
+
 /// What is printed: where the results are, and the pipeline's summary.
 #[derive(Serialize)]
 struct Figures {
@@ -74,6 +77,7 @@ impl fmt::Display for Figures {
             Some(registered) => writeln!(f, "registered photos   {registered} of {}", summary.photos)?,
             None => writeln!(f, "photos              {}", summary.photos)?,
         }
+        writeln!(f, "warnings            {}", summary.warnings.len())?;
         writeln!(f, "losses              {}", summary.losses.len())?;
         writeln!(f, "results             {}", self.out.display())
     }
@@ -96,6 +100,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
         },
         verbosity: Verbosity::Talk,
     })?;
+    for warning in summary.warnings.iter().take(SHOWN_WARNINGS) {
+        eprintln!("warning: {warning}");
+    }
+    if summary.warnings.len() > SHOWN_WARNINGS {
+        eprintln!("warning: and {} more, all in report.json", summary.warnings.len() - SHOWN_WARNINGS);
+    }
     for loss in &summary.losses {
         eprintln!("left out: {}: {}", loss.what, loss.why);
     }

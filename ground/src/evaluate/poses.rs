@@ -169,6 +169,7 @@ mod tests {
                     position_sigma_m: [0.0; 3],
                     rotation_sigma_rad: [0.0; 3],
                     status: PoseStatus::Adjusted,
+                    quality: crate::adjust::PhotoQuality::default(),
                 }
             })
             .collect()

@@ -52,7 +52,7 @@ use nalgebra::{Isometry3, Point3};
 pub use config::MatchConfig;
 pub use round::match_round;
 
-use crate::adjust::tracks::Tracks;
+use crate::adjust::Tracks;
 use crate::raster::{Grey, Mask};
 
 /// A photo's pose as known before the round, with its uncertainty.

@@ -12,8 +12,7 @@ use super::patch::Patch;
 use super::search::{Search, SearchSize};
 use super::wall::{BLOCK, Footprint, WallGrid};
 use super::{MatchConfig, MatchRound, PairReport, Photos, Pixels, ViewPose};
-use crate::adjust::median;
-use crate::adjust::tracks::{Observation, Tracks};
+use crate::adjust::{Observation, Tracks, median};
 
 /// Points of a pair that are searched for in the whole window before the others, about.
 const PROBES: usize = 16;

@@ -7,8 +7,10 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use adit_geometry::camera::{Camera, Distortion};
+use nalgebra::{Point3, Vector2};
 
-use crate::poses::{Reconstruction, Track};
+use crate::adjust::Observation;
+use crate::poses::Reconstruction;
 
 /// A file of the model cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -29,7 +31,7 @@ pub fn write(reconstruction: &Reconstruction, folder: &Path) -> Result<(), Colma
     let files = [
         ("cameras.txt", cameras(&reconstruction.camera)),
         ("images.txt", images(reconstruction)),
-        ("points3D.txt", points(&reconstruction.tracks)),
+        ("points3D.txt", points(reconstruction)),
     ];
     for (name, content) in files {
         let path = folder.join(name);
@@ -56,8 +58,8 @@ fn cameras(camera: &Camera<f64>) -> String {
 /// Two lines per photo: pose, then its sightings as `X Y POINT3D_ID`.
 fn images(reconstruction: &Reconstruction) -> String {
     let mut sightings = vec![String::new(); reconstruction.poses.len()];
-    for (index, track) in reconstruction.tracks.iter().enumerate() {
-        for sighting in &track.sightings {
+    for (index, (_, seen)) in reconstruction.tracks.iter().enumerate() {
+        for sighting in seen {
             let [x, y] = sighting.pixel;
             // Writing to a string cannot fail.
             let _ = write!(sightings[sighting.photo as usize], "{x:.3} {y:.3} {} ", index + 1);
@@ -87,13 +89,13 @@ fn images(reconstruction: &Reconstruction) -> String {
 }
 
 /// One line per point; colours are not looked up (mid grey).
-fn points(tracks: &[Track]) -> String {
+fn points(reconstruction: &Reconstruction) -> String {
     let mut seen: std::collections::HashMap<u32, usize> = std::collections::HashMap::new();
     let mut text = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n".to_owned();
-    for (index, track) in tracks.iter().enumerate() {
-        let p = track.position;
-        let _ = write!(text, "{} {:.6} {:.6} {:.6} 128 128 128 {:.4}", index + 1, p.x, p.y, p.z, track.error_px);
-        for sighting in &track.sightings {
+    for (index, (p, sightings)) in reconstruction.tracks.iter().enumerate() {
+        let error_px = rms_px(reconstruction, p, sightings);
+        let _ = write!(text, "{} {:.6} {:.6} {:.6} 128 128 128 {error_px:.4}", index + 1, p.x, p.y, p.z);
+        for sighting in sightings {
             let place = seen.entry(sighting.photo).or_default();
             let _ = write!(text, " {} {place}", sighting.photo + 1);
             *place += 1;
@@ -103,13 +105,24 @@ fn points(tracks: &[Track]) -> String {
     text
 }
 
+/// Root mean square reprojection error of a point.
+fn rms_px(reconstruction: &Reconstruction, position: &Point3<f64>, seen: &[Observation]) -> f64 {
+    let squared = seen.iter().map(|seen| {
+        let in_cam = reconstruction.poses[seen.photo as usize].tunnel_from_cam.inverse_transform_point(position).coords;
+        let pixel = Vector2::from(seen.pixel.map(f64::from));
+        reconstruction.camera.project(&in_cam).map_or(0.0, |projected| (projected - pixel).norm_squared())
+    });
+    (squared.sum::<f64>() / seen.len().max(1) as f64).sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use adit_geometry::profile::ProfileSpec;
     use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::poses::{PhotoPose, PoseStatus, Sighting};
+    use crate::adjust::{PhotoQuality, Tracks};
+    use crate::poses::{PhotoPose, PoseStatus};
 
     fn reconstruction() -> Reconstruction {
         let pose = |photo: &str, x: f64| PhotoPose {
@@ -118,6 +131,7 @@ mod tests {
             position_sigma_m: [0.001; 3],
             rotation_sigma_rad: [0.001; 3],
             status: PoseStatus::Adjusted,
+            quality: PhotoQuality::default(),
         };
         let camera = Camera {
             width_px: 1000,
@@ -130,9 +144,10 @@ mod tests {
         let position = poses[0].tunnel_from_cam * Point3::new(0.2, -0.1, 3.0);
         let sightings = poses.iter().enumerate().map(|(photo, pose)| {
             let pixel = camera.project(&pose.tunnel_from_cam.inverse_transform_point(&position).coords).unwrap();
-            Sighting { photo: photo as u32, pixel: pixel.into() }
+            Observation { photo: photo as u32, pixel: [pixel.x as f32, pixel.y as f32] }
         });
-        let tracks = vec![Track { position, sightings: sightings.collect(), error_px: 0.1 }];
+        let mut tracks = Tracks::default();
+        tracks.push(position, sightings);
         Reconstruction { poses, tracks, camera, profile: ProfileSpec::Circle { radius_m: 3.0 } }
     }
 
@@ -145,7 +160,7 @@ mod tests {
         let camera_line = camera_text.lines().nth(1).unwrap();
         assert!(camera_line.starts_with("1 OPENCV 1000 750 "));
         let camera = numbers(camera_line);
-        let points_text = points(&reconstruction.tracks);
+        let points_text = points(&reconstruction);
         let point_line = numbers(points_text.lines().nth(1).unwrap());
         let point = Vector3::new(point_line[1], point_line[2], point_line[3]);
         let text = images(&reconstruction);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use adit_geometry::camera::Camera;
 use nalgebra::{Isometry3, Point3, Vector2};
 
-use crate::adjust::tracks::{Observation, Tracks};
+use crate::adjust::{Observation, Tracks};
 
 /// Two photos hang together from this many shared points on.
 const LEAST_SHARED: usize = 15;

@@ -6,6 +6,7 @@ mod photos;
 mod placing;
 mod progress;
 mod solve;
+mod warnings;
 
 use std::path::PathBuf;
 
@@ -16,6 +17,7 @@ use serde_json::json;
 pub use checkpoint::{Checkpoints, Key};
 pub use progress::{StageProgress, Verbosity};
 pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver, TagSlip};
+pub use warnings::Warning;
 
 use crate::files::write_whole;
 use crate::model::{self, ModelOptions, ModelReport};
@@ -83,6 +85,8 @@ pub struct Summary {
     pub registered: Option<usize>,
     /// Figures of every stage that was run or kept.
     pub stages: Vec<StageReport>,
+    /// What does not fit; known after the adjustment.
+    pub warnings: Vec<Warning>,
     /// Everything that could not be used.
     pub losses: Vec<Loss>,
 }
@@ -105,6 +109,7 @@ pub fn reconstruct(options: &ReconstructOptions) -> Result<Summary> {
             photos: survey.photos.len(),
             registered: None,
             stages: Vec::new(),
+            warnings: Vec::new(),
             losses: survey.losses.clone(),
         },
     };
@@ -125,9 +130,6 @@ impl Run<'_> {
         let key = Key::of_survey(survey)?.then("prior", &())?;
         let prior = self.stage(Stage::Prior, key, photos, &[], |_| solver.prior(), say_prior)?;
         let solver = solver.with_section(&prior)?;
-        if prior.size.is_some_and(|size| size.contradicts_nominal()) {
-            tracing::warn!("the ranges contradict the section's size in survey.toml, which is the survey's scale");
-        }
         if self.ends_with(Stage::Prior) {
             return Ok(());
         }
@@ -141,7 +143,6 @@ impl Run<'_> {
         let key = key.then("match", &())?;
         let matches =
             self.stage(Stage::Match, key, photos, &[], |progress| Ok(solver.fine(&coarse, progress)), say_match)?;
-        tell_doubtful(&matches.round);
         if self.ends_with(Stage::Match) {
             return Ok(());
         }
@@ -149,6 +150,7 @@ impl Run<'_> {
         let adjusted =
             self.stage(Stage::Adjust, key, photos, &[], |_| solver.adjust(&prior, &coarse, matches), say_adjust)?;
         let poses = &adjusted.reconstruction.poses;
+        self.summary.warnings.clone_from(&adjusted.warnings);
         self.write_poses(poses)?;
         self.summary.registered = Some(poses.iter().filter(|pose| pose.status == PoseStatus::Adjusted).count());
         if self.ends_with(Stage::Adjust) {
@@ -193,8 +195,14 @@ impl Run<'_> {
         let progress = StageProgress::start(self.options.verbosity, Stage::Report.name(), 0);
         self.summary.losses.sort_by(|a, b| (&a.what, &a.why).cmp(&(&b.what, &b.why)));
         self.summary.losses.dedup();
-        let input =
-            ReportInput { survey, reconstruction, texture, stages: &self.summary.stages, losses: &self.summary.losses };
+        let input = ReportInput {
+            survey,
+            reconstruction,
+            texture,
+            stages: &self.summary.stages,
+            warnings: &self.summary.warnings,
+            losses: &self.summary.losses,
+        };
         report::write(&input, &self.options.out)?;
         let seconds = progress.finish("report.html, report.json").as_secs_f64();
         self.summary.stages.push(StageReport {
@@ -290,13 +298,6 @@ fn say_coarse(stage: &CoarseStage) -> (String, serde_json::Value) {
     (line, json!({ "round": stage.round, "adjustment": report }))
 }
 
-/// Names the pairs that should overlap but hardly agree, for `-v`.
-fn tell_doubtful(round: &RoundSummary) {
-    for (first, second) in &round.doubtful {
-        tracing::info!("{first} and {second} should overlap, but less than half of their matches agree");
-    }
-}
-
 fn say_match(stage: &MatchStage) -> (String, serde_json::Value) {
     (say_round(&stage.round), json!({ "round": stage.round }))
 }
@@ -313,8 +314,9 @@ fn say_adjust(stage: &AdjustStage) -> (String, serde_json::Value) {
     );
     let figures = json!({
         "registered": registered,
-        "mount_deg": stage.mount_rotvec_rad.map(f64::to_degrees),
-        "odometer_scale": stage.odometer_scale,
+        "mount_deg": <[f64; 3]>::from(stage.shared.mount_rotvec).map(f64::to_degrees),
+        "odometer_scale": stage.shared.odometer_scale,
+        "profile_size": stage.shared.profile_size,
         "before_pruning": stage.first,
         "after_pruning": stage.last,
         "pruned": stage.pruned,

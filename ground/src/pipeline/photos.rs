@@ -54,7 +54,7 @@ pub(super) fn size_of(survey: &Survey) -> Size {
 ///
 /// # Errors
 /// If the mask cannot be read or has another size.
-pub(super) fn photo_mask(survey: &Survey, index: usize) -> Result<Option<Mask>, crate::survey::MaskError> {
+fn photo_mask(survey: &Survey, index: usize) -> Result<Option<Mask>, crate::survey::MaskError> {
     let Some(path) = survey.photos.get(index).and_then(|photo| photo.mask.as_ref()) else { return Ok(None) };
     load_mask(path, size_of(survey)).map(Some)
 }

@@ -18,8 +18,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::groups::{Groups, PairShare, hanging_together, pair_shares};
 use super::progress::StageProgress;
 use super::solve::{COARSE_MATCH_PX, CoarseStage, PriorStage, ROBUST, RoundSummary, SURFACE_M, Solver, TagSlip};
-use crate::adjust::tracks::Tracks;
-use crate::adjust::{AdjustReport, Shared, Weights};
+use crate::adjust::{AdjustReport, Shared, Tracks, Weights, adjust};
 use crate::matching::{MatchConfig, MatchRound, PairReport, ViewPose};
 use crate::prior::TagPrior;
 use crate::survey::Loss;
@@ -116,7 +115,7 @@ impl<'a> Placing<'a> {
             placed,
             tags: self.tags,
             slips: self.slips,
-            shared: (self.shared.mount_rotvec.into(), self.shared.odometer_scale),
+            shared: self.shared,
             adjustment: report,
             losses: self.losses,
         })
@@ -196,11 +195,16 @@ impl<'a> Placing<'a> {
                 .map(|pair| [pair.first as usize, pair.second as usize]);
             self.placed = hanging_together(joined, self.placed.len());
             let mut tracks = self.tracks.clone();
-            tracks.retain(|_, seen| self.placed[seen.photo as usize], |_, seen| seen.len() >= 2);
-            let weights = Weights { pixel_px: COARSE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
+            tracks.retain(|_, seen| {
+                seen.retain(|seen| self.placed[seen.photo as usize]);
+                seen.len() >= 2
+            });
+            let weights = Weights { pixel_px: COARSE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
             let poses: Vec<Isometry3<f64>> = self.views.iter().map(|view| view.tunnel_from_cam).collect();
             self.solver.put_on_wall(&mut tracks, &poses);
-            let adjusted = self.solver.adjusted(&self.tags, poses, &mut tracks, self.shared, &weights)?;
+            let given = self.solver.problem(&self.tags, &poses, &tracks, self.shared);
+            let adjusted = adjust(&given, &weights)?;
+            tracks.positions_mut().copy_from_slice(&adjusted.points);
             self.shared = adjusted.shared;
             let shares = pair_shares(&tracks, &adjusted.poses, &self.solver.survey.config.camera.camera, DISPUTED_PX);
             let newly = self.newly_disputed(&shares);
@@ -234,7 +238,10 @@ impl<'a> Placing<'a> {
     /// Takes a photo's matches away.
     fn forget(&mut self, photo: usize) {
         self.disputed[photo] = true;
-        self.tracks.retain(|_, seen| seen.photo as usize != photo, |_, seen| seen.len() >= 2);
+        self.tracks.retain(|_, seen| {
+            seen.retain(|seen| seen.photo as usize != photo);
+            seen.len() >= 2
+        });
         for (photos, pair) in &mut self.pairs {
             pair.kept &= !photos.contains(&(photo as u32));
         }

@@ -1,26 +1,28 @@
 //! From tags and photos to poses: prior, coarse round, fine round, adjustment with pruning.
 
+use std::path::PathBuf;
+
 use adit_geometry::profile::{Profile, ProfileSpec};
 use adit_geometry::rig::{ImageUp, Rig};
 use adit_protocol::tag::CaptureTag;
 use anyhow::{Context, Result};
-use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use nalgebra::{Isometry3, Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::groups::registered;
-use super::photos::{SurveyPhotos, photo_mask};
+use super::photos::{SurveyPhotos, size_of};
 use super::placing::Placing;
 use super::progress::StageProgress;
-use crate::adjust::tracks::Tracks;
+use super::warnings::{Judged, Warning};
 use crate::adjust::{
-    AdjustReport, Adjusted, Observation, Point, Problem, PruneCounts, Pruning, Shared, Weights, adjust, pose_sigmas,
-    prune,
+    AdjustReport, Adjusted, Covariances, Loss as AdjustLoss, Observation, Problem, PruneCounts, Pruning, Shared,
+    SharedSigmas, Tracks, Weights, adjust, photo_qualities, prune,
 };
 use crate::matching::{MatchConfig, MatchRound, PairReport, ViewPose, match_round};
-use crate::poses::{PhotoPose, PoseStatus, Reconstruction, Sighting, Track};
+use crate::poses::{PhotoPose, PoseStatus, Reconstruction};
 use crate::prior::{PriorModel, SizeEstimate, TagPrior, estimate_size, prior_views, tag_priors};
 use crate::raster::Mask;
-use crate::survey::{Loss, Survey};
+use crate::survey::{Loss, Survey, load_mask};
 
 /// One standard deviation of a match in the coarse round, pixels of the photo.
 pub(super) const COARSE_MATCH_PX: f64 = 0.8;
@@ -29,9 +31,18 @@ const FINE_MATCH_PX: f64 = 0.3;
 /// No match is better than this, whatever the residuals say: the camera model itself is not.
 const LEAST_MATCH_PX: f64 = 0.05;
 /// Geman-McClure scale in standard deviations.
-pub(super) const ROBUST: f64 = 3.0;
+pub(super) const ROBUST: AdjustLoss = AdjustLoss::GemanMcClure(3.0);
 /// Softness of the surface: real linings are out of shape by centimetres, and points must be free to say so.
 pub(super) const SURFACE_M: f64 = 0.05;
+
+/// Freedom of the section's size where the ranges contradict the nominal one: the ranges decide.
+const RESIZED_SIGMA: f64 = 0.05;
+/// Freedom of focal length and principal point where `refine` asks for it, as a share of the focal length.
+const REFINED_SHARE: f64 = 0.02;
+/// Freedom of each distortion coefficient where `refine` asks for it.
+const REFINED_DISTORTION: f64 = 0.05;
+/// Speed that the shaft may still have while a photo is read out, radians per second: a servo that has not quite settled.
+const SHUTTER_SIGMA_RAD_PER_S: f64 = 0.3;
 
 /// What the pose stages are allowed to do.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,8 +86,8 @@ pub struct CoarseStage {
     pub tags: Vec<TagPrior>,
     /// Photos whose tag turned out to be wrong.
     pub slips: Vec<TagSlip>,
-    /// Mounting rotation vector (camera axes) and odometer scale.
-    pub shared: ([f64; 3], f64),
+    /// What all photos share.
+    pub shared: Shared,
     /// The rounds.
     pub round: RoundSummary,
     /// The last adjustment.
@@ -108,10 +119,10 @@ pub struct MatchStage {
 pub struct AdjustStage {
     /// Poses and points.
     pub reconstruction: Reconstruction,
-    /// Mounting rotation vector (camera axes, radians).
-    pub mount_rotvec_rad: [f64; 3],
-    /// True metres per odometer metre, minus one.
-    pub odometer_scale: f64,
+    /// What all photos share.
+    pub shared: Shared,
+    /// What a person should know before trusting the poses.
+    pub warnings: Vec<Warning>,
     /// Before pruning.
     pub first: AdjustReport,
     /// After pruning.
@@ -160,7 +171,7 @@ impl RoundSummary {
 pub struct Solver<'a> {
     pub(super) survey: &'a Survey,
     /// The section in use.
-    profile: Profile<f64>,
+    pub(super) profile: Profile<f64>,
     options: SolveOptions,
 }
 
@@ -205,7 +216,7 @@ impl<'a> Solver<'a> {
 
     /// The shared unknowns before anything is adjusted.
     pub(super) fn shared_prior(&self) -> Shared {
-        Shared { mount_rotvec: Vector3::from(self.survey.config.rig.mount_rotvec_rad), odometer_scale: 0.0 }
+        Shared::nominal(&self.survey.config.camera.camera, &self.survey.config.rig)
     }
 
     /// Poses by tags alone, under what is known of the rig.
@@ -260,94 +271,107 @@ impl<'a> Solver<'a> {
     /// # Errors
     /// If the normal equations cannot be solved or a mask cannot be read.
     pub fn adjust(&self, prior: &PriorStage, coarse: &CoarseStage, matches: MatchStage) -> Result<AdjustStage> {
-        let camera = &self.survey.config.camera.camera;
         let mut tracks = matches.tracks;
-        let weights = Weights { pixel_px: FINE_MATCH_PX, robust: ROBUST, surface_m: SURFACE_M };
-        let shared = Shared { mount_rotvec: Vector3::from(coarse.shared.0), odometer_scale: coarse.shared.1 };
-        let poses = coarse.views.iter().map(|view| view.tunnel_from_cam).collect();
-        let first = self.adjusted(&coarse.tags, poses, &mut tracks, shared, &weights)?;
+        let weights = Weights { pixel_px: FINE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
+        let poses: Vec<_> = coarse.views.iter().map(|view| view.tunnel_from_cam).collect();
+        let first = adjust(&self.problem(&coarse.tags, &poses, &tracks, coarse.shared), &weights)?;
+        tracks.positions_mut().copy_from_slice(&first.points);
         // The matches' noise is what the first adjustment leaves (median of a two-dimensional normal: 1.18 sigma).
         let measured_px = first.report.median_after_px / 1.18;
         let weights = Weights { pixel_px: measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX), ..weights };
-        let pruning = self.pruning();
-        let masks = if pruning.mask { self.masks()? } else { Vec::new() };
-        let mut points = points_of(&tracks);
-        let pruned = prune(&mut points, &first.poses, camera, &self.profile, &masks, &pruning);
-        let mut tracks = tracks_of(&points);
-        let last = self.adjusted(&coarse.tags, first.poses, &mut tracks, first.shared, &weights)?;
-        let problem = self.problem(&coarse.tags, last.poses.clone(), points_of(&tracks), last.shared);
-        let sigmas = pose_sigmas(&problem, &weights, &last)?;
+        let pruned = self.prune(&mut tracks, &first)?;
+        let sigmas = self.freed(prior);
+        let problem =
+            Problem { shared_sigmas: sigmas, ..self.problem(&coarse.tags, &first.poses, &tracks, first.shared) };
+        let last = adjust(&problem, &weights)?;
+        tracks.positions_mut().copy_from_slice(&last.points);
+        let problem =
+            Problem { shared_sigmas: sigmas, ..self.problem(&coarse.tags, &last.poses, &tracks, last.shared) };
+        let covariances = Covariances::at(&problem, &weights)?;
+        let qualities = photo_qualities(&problem, &weights);
         let registered = registered(&tracks, last.poses.len());
-        let poses = self.survey.photos.iter().enumerate().map(|(index, photo)| PhotoPose {
+        let poses = self.survey.photos.iter().zip(covariances.pose_sigmas()).enumerate();
+        let poses = poses.map(|(index, (photo, sigma))| PhotoPose {
             photo: photo.name.clone(),
             tunnel_from_cam: last.poses[index],
-            position_sigma_m: sigmas[index].position_m,
-            rotation_sigma_rad: sigmas[index].rotation_rad,
+            position_sigma_m: sigma.position_m,
+            rotation_sigma_rad: sigma.rotation_rad,
             status: if registered[index] { PoseStatus::Adjusted } else { PoseStatus::PriorOnly },
+            quality: qualities[index],
         });
-        let poses = poses.collect();
-        let tracks = problem.points.iter().map(|point| track_of(point, error_px(&problem, point))).collect();
-        let profile = prior.profile.clone();
+        let poses: Vec<PhotoPose> = poses.collect();
+        let profile = prior.profile.scaled(last.shared.profile_size);
+        let judged = Judged { solver: self, prior, coarse, round: &matches.round, problem: &problem, poses: &poses };
+        let warnings = judged.warnings();
+        let camera = last.shared.camera;
         Ok(AdjustStage {
-            reconstruction: Reconstruction { poses, tracks, camera: *camera, profile },
-            mount_rotvec_rad: last.shared.mount_rotvec.into(),
-            odometer_scale: last.shared.odometer_scale,
+            reconstruction: Reconstruction { poses, tracks, camera, profile },
+            shared: last.shared,
+            warnings,
             first: first.report,
             last: last.report,
             pruned,
         })
     }
 
-    /// Adjusts and moves the points.
-    pub(super) fn adjusted(
-        &self,
-        tags: &[TagPrior],
-        poses: Vec<Isometry3<f64>>,
-        tracks: &mut Tracks,
-        shared: Shared,
-        weights: &Weights,
-    ) -> Result<Adjusted> {
-        let adjusted = adjust(&self.problem(tags, poses, points_of(tracks), shared), weights)?;
-        tracks.positions_mut().copy_from_slice(&adjusted.points);
-        Ok(adjusted)
-    }
-
-    /// Puts every point where its first observation's ray meets the section.
-    pub(super) fn put_on_wall(&self, tracks: &mut Tracks, poses: &[Isometry3<f64>]) {
-        let camera = &self.survey.config.camera.camera;
-        let hit = |seen: &crate::adjust::tracks::Observation| {
-            let pose = &poses[seen.photo as usize];
-            let direction = pose.rotation * camera.unproject(&Vector2::from(seen.pixel.map(f64::from)))?;
-            let centre = pose.translation.vector;
-            let hit = self.profile.ray_cast(centre.yz(), direction.yz())?;
-            Some(Point3::from(centre + direction * hit.distance))
-        };
-        let hits: Vec<Option<Point3<f64>>> = tracks.iter().map(|(_, seen)| hit(&seen[0])).collect();
-        for (position, hit) in tracks.positions_mut().iter_mut().zip(hits) {
-            *position = hit.unwrap_or(*position);
+    /// Which of the shared unknowns the last adjustment may move, and how well they are known before it.
+    fn freed(&self, prior: &PriorStage) -> SharedSigmas {
+        let config = &self.survey.config;
+        let mut sigmas = SharedSigmas::of_tags(&config.sigma);
+        if prior.size.is_some_and(|size| size.contradicts_nominal()) {
+            sigmas.profile_size = RESIZED_SIGMA;
         }
+        if config.camera.refine {
+            let camera = &config.camera.camera;
+            sigmas.focal_px = camera.focal_px.map(|focal_px| REFINED_SHARE * focal_px);
+            sigmas.centre_px = [REFINED_SHARE * camera.focal_px[0]; 2];
+            sigmas.distortion = [REFINED_DISTORTION; 5];
+        }
+        if config.camera.rolling_shutter_s > 0.0 {
+            sigmas.shutter_rad_per_s = SHUTTER_SIGMA_RAD_PER_S;
+        }
+        sigmas
     }
 
-    fn pruning(&self) -> Pruning {
+    fn prune(&self, tracks: &mut Tracks, adjusted: &Adjusted) -> Result<PruneCounts> {
         let (low, high) = self.profile.bounds();
         let across_m = (high - low).min();
-        Pruning {
+        let pruning = Pruning {
             mask: self.options.prune_mask,
             // A fifth of the radius: pipes, brackets and bulges are wall; what floats farther inside is not.
             off_surface_m: self.options.prune_surface.then_some(0.1 * across_m),
             reprojection_px: self.options.prune_reprojection.then_some(4.0 * FINE_MATCH_PX),
+        };
+        let masked = if pruning.mask { self.masked(tracks)? } else { Vec::new() };
+        Ok(prune(tracks, &adjusted.poses, &adjusted.shared.camera, &self.profile, &masked, &pruning))
+    }
+
+    /// Tells for every observation whether its photo's mask hides it. One mask is held at a time.
+    fn masked(&self, tracks: &Tracks) -> Result<Vec<bool>> {
+        let seen = tracks.observations();
+        let mut by_photo: Vec<u32> = (0..seen.len() as u32).collect();
+        by_photo.sort_by_key(|&index| seen[index as usize].photo);
+        let mut masked = vec![false; seen.len()];
+        let mut held: Option<(PathBuf, Mask)> = None;
+        for group in by_photo.chunk_by(|&a, &b| seen[a as usize].photo == seen[b as usize].photo) {
+            let photo = &self.survey.photos[seen[group[0] as usize].photo as usize];
+            let Some(path) = &photo.mask else { continue };
+            if held.as_ref().is_none_or(|(known, _)| known != path) {
+                held = Some((path.clone(), load_mask(path, size_of(self.survey))?));
+            }
+            let Some((_, mask)) = &held else { continue };
+            for &index in group {
+                masked[index as usize] = hides(mask, seen[index as usize].pixel);
+            }
         }
+        Ok(masked)
     }
 
-    fn masks(&self) -> Result<Vec<Option<Mask>>> {
-        (0..self.survey.photos.len()).map(|photo| Ok(photo_mask(self.survey, photo)?)).collect()
-    }
-
-    fn problem<'b>(
+    pub(super) fn problem<'b>(
         &'b self,
         tags: &'b [TagPrior],
-        poses: Vec<Isometry3<f64>>,
-        points: Vec<Point>,
+        poses: &'b [Isometry3<f64>],
+        tracks: &'b Tracks,
         shared: Shared,
     ) -> Problem<'b> {
         let config = &self.survey.config;
@@ -358,8 +382,26 @@ impl<'a> Solver<'a> {
             sigma: config.sigma,
             tags,
             poses,
-            points,
+            tracks,
             shared,
+            shared_sigmas: SharedSigmas::of_tags(&config.sigma),
+            readout_s: config.camera.rolling_shutter_s,
+        }
+    }
+
+    /// Puts every point where its first observation's ray meets the section.
+    pub(super) fn put_on_wall(&self, tracks: &mut Tracks, poses: &[Isometry3<f64>]) {
+        let camera = &self.survey.config.camera.camera;
+        let hit = |seen: &Observation| {
+            let pose = &poses[seen.photo as usize];
+            let direction = pose.rotation * camera.unproject(&Vector2::from(seen.pixel.map(f64::from)))?;
+            let centre = pose.translation.vector;
+            let hit = self.profile.ray_cast(centre.yz(), direction.yz())?;
+            Some(Point3::from(centre + direction * hit.distance))
+        };
+        let hits: Vec<Option<Point3<f64>>> = tracks.iter().map(|(_, seen)| hit(&seen[0])).collect();
+        for (position, hit) in tracks.positions_mut().iter_mut().zip(hits) {
+            *position = hit.unwrap_or(*position);
         }
     }
 
@@ -379,41 +421,8 @@ impl<'a> Solver<'a> {
     }
 }
 
-fn points_of(tracks: &Tracks) -> Vec<Point> {
-    let point = |(position, seen): (&Point3<f64>, &[crate::adjust::tracks::Observation])| Point {
-        position: *position,
-        observations: seen
-            .iter()
-            .map(|s| Observation { photo: s.photo as usize, pixel: Vector2::from(s.pixel.map(f64::from)) })
-            .collect(),
-    };
-    tracks.iter().map(point).collect()
-}
-
-fn tracks_of(points: &[Point]) -> Tracks {
-    let mut tracks = Tracks::default();
-    for point in points {
-        tracks.push(
-            point.position,
-            point.observations.iter().map(|s| crate::adjust::tracks::Observation {
-                photo: s.photo as u32,
-                pixel: [s.pixel.x as f32, s.pixel.y as f32],
-            }),
-        );
-    }
-    tracks
-}
-
-fn track_of(point: &Point, error_px: f64) -> Track {
-    let sighting = |seen: &Observation| Sighting { photo: seen.photo as u32, pixel: seen.pixel.into() };
-    Track { position: point.position, sightings: point.observations.iter().map(sighting).collect(), error_px }
-}
-
-/// Root mean square reprojection error of a point.
-fn error_px(problem: &Problem<'_>, point: &Point) -> f64 {
-    let squared = point.observations.iter().map(|seen| {
-        let in_cam = problem.poses[seen.photo].inverse_transform_point(&point.position).coords;
-        problem.camera.project(&in_cam).map_or(0.0, |pixel| (pixel - seen.pixel).norm_squared())
-    });
-    (squared.sum::<f64>() / point.observations.len().max(1) as f64).sqrt()
+fn hides(mask: &Mask, [x, y]: [f32; 2]) -> bool {
+    let column = (x.max(0.0) as usize).min(mask.width.saturating_sub(1));
+    let row = (y.max(0.0) as usize).min(mask.height.saturating_sub(1));
+    mask.at(column, row)[0] == 0
 }

@@ -8,12 +8,22 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use super::{PhotoPose, PoseStatus};
+use crate::adjust::PhotoQuality;
 
 /// Columns that every file of poses has.
 const POSE_COLUMNS: [&str; 8] = ["photo", "qw", "qx", "qy", "qz", "x_m", "y_m", "z_m"];
 /// Columns that a reconstruction adds.
-const MORE_COLUMNS: [&str; 7] =
-    ["sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg", "status"];
+const MORE_COLUMNS: [&str; 9] = [
+    "sigma_x_m",
+    "sigma_y_m",
+    "sigma_z_m",
+    "sigma_rx_deg",
+    "sigma_ry_deg",
+    "sigma_rz_deg",
+    "status",
+    "matches",
+    "rms_px",
+];
 /// A quaternion whose length is further from 1 was not written as a rotation.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
@@ -61,7 +71,7 @@ pub enum PosesError {
 }
 
 /// Writes poses: quaternion `tunnel_from_cam` (w first, w not negative), optical centre in the tunnel frame in metres,
-/// standard deviations (metres; degrees about the camera's axes), status.
+/// standard deviations (metres; degrees about the camera's axes), status, number of matched points and their error.
 ///
 /// # Errors
 /// What the writer says.
@@ -80,6 +90,8 @@ pub fn write_poses<'a>(out: &mut impl Write, poses: impl IntoIterator<Item = &'a
             PoseStatus::Adjusted => "adjusted".to_owned(),
             PoseStatus::PriorOnly => "prior-only".to_owned(),
         });
+        cells.push(pose.quality.observations.to_string());
+        cells.push(format!("{:.4}", pose.quality.rms_px));
         writer.write_record(&cells).map_err(io::Error::other)?;
     }
     writer.flush()
@@ -132,7 +144,7 @@ impl<F: Fn(&str) -> Option<usize>> Row<'_, F> {
         }
         let [x, y, z] = ["x_m", "y_m", "z_m"].map(|name| self.number(name));
         let centre = Translation3::new(x?, y?, z?);
-        let [sx, sy, sz, rx, ry, rz, _] = MORE_COLUMNS.map(|name| self.sigma(name));
+        let [sx, sy, sz, rx, ry, rz, _, matches, rms_px] = MORE_COLUMNS.map(|name| self.optional(name));
         let status = match self.cell("status") {
             None | Some("adjusted") => PoseStatus::Adjusted,
             Some("prior-only") => PoseStatus::PriorOnly,
@@ -144,6 +156,7 @@ impl<F: Fn(&str) -> Option<usize>> Row<'_, F> {
             position_sigma_m: [sx?, sy?, sz?],
             rotation_sigma_rad: [rx?.to_radians(), ry?.to_radians(), rz?.to_radians()],
             status,
+            quality: PhotoQuality { observations: matches? as usize, rms_px: rms_px?, ..PhotoQuality::default() },
         })
     }
 
@@ -157,7 +170,7 @@ impl<F: Fn(&str) -> Option<usize>> Row<'_, F> {
     }
 
     /// Zero where the column is missing or empty.
-    fn sigma(&self, name: &'static str) -> Result<f64, PosesError> {
+    fn optional(&self, name: &'static str) -> Result<f64, PosesError> {
         if name == "status" || self.cell(name).is_none_or(str::is_empty) { Ok(0.0) } else { self.number(name) }
     }
 
@@ -186,6 +199,7 @@ mod tests {
             position_sigma_m: [0.001, 0.002, 0.003],
             rotation_sigma_rad: [0.01, 0.02, 0.03],
             status,
+            quality: PhotoQuality { observations: 214, rms_px: 0.0625, doubted_share: 0.0 },
         }
     }
 

@@ -28,6 +28,36 @@ pub struct PoseFigures {
     pub largest_offset_m: f64,
 }
 
+/// How well one photo's pose is known.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(super) struct PhotoFigures<'a> {
+    photo: &'a str,
+    status: PoseStatus,
+    /// Points that it shares with others.
+    matches: usize,
+    rms_px: f64,
+    /// Share of its matches that the adjustment does not believe.
+    doubted_share: f64,
+    /// Along x, y, z of the tunnel.
+    position_sigma_mm: [f64; 3],
+    /// About the camera's axes.
+    rotation_sigma_deg: [f64; 3],
+}
+
+impl<'a> PhotoFigures<'a> {
+    pub(super) fn new(pose: &'a PhotoPose) -> Self {
+        Self {
+            photo: &pose.photo,
+            status: pose.status,
+            matches: pose.quality.observations,
+            rms_px: pose.quality.rms_px,
+            doubted_share: pose.quality.doubted_share,
+            position_sigma_mm: pose.position_sigma_m.map(|sigma_m| sigma_m * 1e3),
+            rotation_sigma_deg: pose.rotation_sigma_rad.map(f64::to_degrees),
+        }
+    }
+}
+
 impl PoseFigures {
     pub(super) fn new(poses: &[PhotoPose]) -> Self {
         let xs = poses.iter().map(|pose| pose.tunnel_from_cam.translation.x);

@@ -9,9 +9,10 @@ use minijinja::Environment;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use figures::PhotoFigures;
 pub use figures::PoseFigures;
 
-use crate::pipeline::StageReport;
+use crate::pipeline::{StageReport, Warning};
 use crate::poses::Reconstruction;
 use crate::survey::{Loss, Survey};
 use crate::texture::TextureReport;
@@ -31,6 +32,8 @@ pub struct ReportInput<'a> {
     pub texture: &'a TextureReport,
     /// Figures of every stage before the report.
     pub stages: &'a [StageReport],
+    /// What does not fit.
+    pub warnings: &'a [Warning],
     /// Everything that could not be used.
     pub losses: &'a [Loss],
 }
@@ -75,7 +78,17 @@ struct Report<'a> {
     stages: &'a [StageReport],
     coverage: &'a crate::texture::Coverage,
     native_mm_per_px: f64,
+    warnings: Vec<Told<'a>>,
     losses: &'a [Loss],
+    photo_quality: Vec<PhotoFigures<'a>>,
+}
+
+/// A warning with its words.
+#[derive(Serialize)]
+struct Told<'a> {
+    message: String,
+    #[serde(flatten)]
+    warning: &'a Warning,
 }
 
 /// Writes report.json and report.html to `out`.
@@ -93,7 +106,9 @@ pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
         stages: input.stages,
         coverage: &input.texture.coverage,
         native_mm_per_px: input.texture.native_mm_per_px,
+        warnings: input.warnings.iter().map(|warning| Told { message: warning.to_string(), warning }).collect(),
         losses: input.losses,
+        photo_quality: input.reconstruction.poses.iter().map(PhotoFigures::new).collect(),
     };
     let json = serde_json::to_string_pretty(&report)?;
     save(&out.join("report.json"), json.as_bytes())?;

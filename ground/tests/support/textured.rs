@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use adit_ground::adjust::{PhotoQuality, Tracks};
 use adit_ground::poses::{PhotoPose, PoseStatus, Reconstruction};
 use adit_ground::survey::{self, Survey};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
@@ -18,7 +19,7 @@ pub(crate) fn load_textured(name: &str, count: usize) -> Option<(Survey, Reconst
     let text = fs::read_to_string(folder.join("truth/poses.csv")).expect("truth/poses.csv");
     let poses = text.lines().skip(1).take(count).map(pose).collect();
     let (camera, profile) = (survey.config.camera.camera, survey.config.profile.clone());
-    Some((survey, Reconstruction { poses, tracks: Vec::new(), camera, profile }))
+    Some((survey, Reconstruction { poses, tracks: Tracks::default(), camera, profile }))
 }
 
 fn pose(line: &str) -> PhotoPose {
@@ -31,5 +32,6 @@ fn pose(line: &str) -> PhotoPose {
         position_sigma_m: [1e-4; 3],
         rotation_sigma_rad: [1e-4; 3],
         status: PoseStatus::Adjusted,
+        quality: PhotoQuality::default(),
     }
 }

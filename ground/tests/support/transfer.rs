@@ -1,7 +1,7 @@
 //! Matches against exact poses.
 
 use adit_geometry::camera::Camera;
-use adit_ground::adjust::tracks::Observation;
+use adit_ground::adjust::Observation;
 use adit_ground::matching::MatchRound;
 use nalgebra::{Isometry3, Point3, Vector2};
 

@@ -1,0 +1,438 @@
+//! The first pass: the normal equations with the points eliminated.
+
+use std::ops::Range;
+
+use nalgebra::{Matrix3, Vector3};
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+
+use super::envelope::{Envelope, SLACK};
+use super::order::{Layout, padded};
+use super::{Model, Sight, State, Weighting};
+use crate::adjust::loss::Loss;
+use crate::adjust::tracks::Tracks;
+
+/// Chunks whose sums are in memory at the same time.
+const WAVE: usize = 16;
+
+/// What stays the same from one linearisation to the next.
+pub(super) struct System {
+    chunks: Vec<Chunk>,
+    matrix: Option<Envelope>,
+}
+
+/// Points that are summed up together, and the cameras that see them.
+struct Chunk {
+    /// In the layout's order.
+    points: Range<usize>,
+    /// Position of the first camera.
+    low: usize,
+    /// For every camera from there on, the first coupled one, counted from `low`.
+    first: Vec<u32>,
+}
+
+/// The equations at a state, for a given damping.
+pub(super) struct Equations {
+    /// Cameras and shared unknowns, points eliminated.
+    pub(super) matrix: Envelope,
+    /// Gradient before the points are eliminated, and after.
+    pub(super) gradient: Vec<f64>,
+    pub(super) reduced_gradient: Vec<f64>,
+    /// Diagonal before damping and before the points are eliminated.
+    pub(super) diagonal: Vec<f64>,
+    pub(super) cost: f64,
+}
+
+impl Equations {
+    /// Largest entry of the gradient of cameras and shared unknowns.
+    pub(super) fn gradient_max(&self) -> f64 {
+        self.gradient.iter().fold(0.0, |largest, value| largest.max(value.abs()))
+    }
+}
+
+impl System {
+    pub(super) fn new(layout: &Layout, tracks: &Tracks) -> Self {
+        let size = (tracks.len() / 32).clamp(128, 1024);
+        let starts = (0..tracks.len()).step_by(size);
+        let chunks = starts.map(|start| Chunk::new(start..(start + size).min(tracks.len()), layout, tracks)).collect();
+        Self { chunks, matrix: Some(Envelope::new(layout.shape())) }
+    }
+
+    /// Takes the storage of a solved matrix back.
+    pub(super) fn give_back(&mut self, storage: Envelope) {
+        self.matrix = Some(storage);
+    }
+
+    /// Equations with Levenberg-Marquardt damping `lambda` on the diagonal.
+    pub(super) fn eliminate<M: Model<C, K>, const C: usize, const K: usize>(
+        &mut self,
+        model: &M,
+        layout: &Layout,
+        weighting: &Weighting,
+        state: &State<M::Estimate>,
+        lambda: f64,
+    ) -> Equations {
+        let mut matrix = self.matrix.take().unwrap_or_else(|| Envelope::new(layout.shape()));
+        matrix.clear();
+        let size = matrix.size();
+        let [gradient, reduced_gradient, diagonal] = [(); 3].map(|()| vec![0.0; size]);
+        let mut equations = Equations { matrix, gradient, reduced_gradient, diagonal, cost: 0.0 };
+        let shared = model.point_shared().map(|index| index.map(|index| layout.shared(index)));
+        for wave in self.chunks.chunks(WAVE) {
+            let sums: Vec<Sums> = wave
+                .par_iter()
+                .map(|chunk| Arch::new().dispatch(EliminateChunk { chunk, model, layout, weighting, state, lambda }))
+                .collect();
+            for (chunk, sums) in wave.iter().zip(&sums) {
+                sums.add_to(&mut equations, chunk.low, &shared, C);
+            }
+        }
+        add_priors(model, layout, &state.estimate, weighting.information.is_some(), &mut equations);
+        for row in 0..size {
+            equations.reduced_gradient[row] += equations.gradient[row];
+            equations.matrix.add(row, row, lambda * equations.diagonal[row]);
+        }
+        for row in layout.padding() {
+            equations.matrix.add(row, row, 1.0);
+        }
+        equations
+    }
+}
+
+impl Chunk {
+    fn new(points: Range<usize>, layout: &Layout, tracks: &Tracks) -> Self {
+        let positions = |point: u32| tracks.of(point as usize).iter().map(|seen| layout.position(seen.photo as usize));
+        let all = layout.points()[points.clone()].iter();
+        let low = all.clone().flat_map(|&point| positions(point)).min().unwrap_or(0);
+        let end = all.clone().flat_map(|&point| positions(point)).max().map_or(low, |last| last + 1);
+        let mut first: Vec<u32> = (0..(end - low) as u32).collect();
+        for &point in all {
+            let earliest = positions(point).min().map_or(0, |position| (position - low) as u32);
+            for position in positions(point) {
+                first[position - low] = first[position - low].min(earliest);
+            }
+        }
+        Self { points, low, first }
+    }
+}
+
+/// The sums of one chunk: its cameras, then the `K` shared unknowns.
+struct Sums {
+    matrix: Envelope,
+    gradient: Vec<f64>,
+    reduction: Vec<f64>,
+    diagonal: Vec<f64>,
+    cost: f64,
+}
+
+impl Sums {
+    fn new(chunk: &Chunk, per_camera: usize, shared: usize) -> Self {
+        let cameras = chunk.first.iter().map(|&first| (per_camera, first as usize));
+        let matrix = Envelope::new(cameras.chain((shared > 0).then(|| (padded(shared), 0))));
+        let [gradient, reduction, diagonal] = [(); 3].map(|()| vec![0.0; matrix.size()]);
+        Self { matrix, gradient, reduction, diagonal, cost: 0.0 }
+    }
+
+    /// Adds to the whole, whose rows of the shared unknowns are given.
+    fn add_to(&self, equations: &mut Equations, low: usize, shared: &[Option<usize>], per_camera: usize) {
+        let shift = low * per_camera;
+        let cameras = self.matrix.size() - if shared.is_empty() { 0 } else { padded(shared.len()) };
+        let row_of = |row: usize| if row < cameras { Some(row + shift) } else { *shared.get(row - cameras)? };
+        let vectors = [
+            (&self.gradient, &mut equations.gradient),
+            (&self.reduction, &mut equations.reduced_gradient),
+            (&self.diagonal, &mut equations.diagonal),
+        ];
+        for (from, to) in vectors {
+            for (row, value) in from.iter().enumerate() {
+                if let Some(row) = row_of(row) {
+                    to[row] += value;
+                }
+            }
+        }
+        for (index, block) in self.matrix.blocks().iter().enumerate() {
+            for offset in 0..block.height {
+                let Some(row) = row_of(block.row + offset) else { continue };
+                let (to, to_offset) = equations.matrix.locate(row);
+                let end = cameras.min(block.row + block.height);
+                let values = self.matrix.part(index, offset, block.column()..end);
+                let target = equations.matrix.part_mut(to, to_offset, block.column() + shift..end + shift);
+                for (sum, value) in target.iter_mut().zip(values) {
+                    *sum += value;
+                }
+                for column in end..block.row + block.height {
+                    let Some(to_column) = row_of(column).filter(|&to_column| to_column <= row) else { continue };
+                    let value = self.matrix.part(index, offset, column..column + 1)[0];
+                    equations.matrix.part_mut(to, to_offset, to_column..to_column + 1)[0] += value;
+                }
+            }
+        }
+        equations.cost += self.cost;
+    }
+}
+
+/// A point's share of one camera (or of the shared unknowns), ready for the kernels.
+struct Share<const N: usize> {
+    block: usize,
+    /// Derivatives of the two residuals and columns of the coupling with the point, padded for whole vectors.
+    lanes: [[f64; SLACK]; 5],
+    /// For each row what the five lanes are multiplied with.
+    factors: [[f64; 5]; N],
+}
+
+impl<const N: usize> Share<N> {
+    const ZERO: Self = Self { block: 0, lanes: [[0.0; SLACK]; 5], factors: [[0.0; 5]; N] };
+}
+
+/// The point's own equations.
+#[derive(Clone, Copy)]
+pub(super) struct PointSums {
+    pub(super) own: Matrix3<f64>,
+    pub(super) gradient: Vector3<f64>,
+}
+
+impl PointSums {
+    pub(super) const ZERO: Self =
+        Self { own: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), gradient: Vector3::new(0.0, 0.0, 0.0) };
+
+    /// Inverse of the damped curvature; zero, so that the point rests, where it has none.
+    pub(super) fn inverse(&self, lambda: f64) -> Matrix3<f64> {
+        let damped = self.own + Matrix3::from_diagonal(&(self.own.diagonal() * lambda));
+        damped.try_inverse().unwrap_or_else(Matrix3::zeros)
+    }
+}
+
+struct EliminateChunk<'a, M: Model<C, K>, const C: usize, const K: usize> {
+    chunk: &'a Chunk,
+    model: &'a M,
+    layout: &'a Layout,
+    weighting: &'a Weighting,
+    state: &'a State<M::Estimate>,
+    lambda: f64,
+}
+
+impl<M: Model<C, K>, const C: usize, const K: usize> WithSimd for EliminateChunk<'_, M, C, K> {
+    type Output = Sums;
+
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Sums {
+        let mut sums = Sums::new(self.chunk, C, K);
+        let mut shares: Vec<Share<C>> = Vec::new();
+        for &point in &self.layout.points()[self.chunk.points.clone()] {
+            self.eliminate_point(simd, point as usize, &mut shares, &mut sums);
+        }
+        sums
+    }
+}
+
+impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K> {
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
+    fn eliminate_point<S: Simd>(&self, simd: S, point: usize, shares: &mut Vec<Share<C>>, sums: &mut Sums) {
+        let (estimate, position) = (&self.state.estimate, &self.state.points[point]);
+        let mut own = PointSums::ZERO;
+        let mut shared: Share<K> = Share { block: self.chunk.first.len(), ..Share::ZERO };
+        shares.clear();
+        for seen in self.model.tracks().of(point) {
+            let sight = self.model.sight(estimate, position, seen);
+            let (cost, weight) = self.weighting.at(sight.as_ref().map(|sight| &sight.residual));
+            sums.cost += cost;
+            if let Some(sight) = sight {
+                let block = self.layout.position(seen.photo as usize) - self.chunk.low;
+                shares.push(self.linearised(simd, block, &sight, weight, &mut own, &mut shared, sums));
+            }
+        }
+        if let Some(prior) = self.model.point_prior(estimate, position) {
+            sums.cost += 0.5 * prior.residual * prior.residual;
+            own.own += prior.by_point.transpose() * prior.by_point;
+            own.gradient += prior.by_point.transpose() * prior.residual;
+            if K > 0 {
+                let row = shared.block * C;
+                for a in 0..K {
+                    let slope = prior.by_shared[a];
+                    sums.gradient[row + a] += slope * prior.residual;
+                    sums.diagonal[row + a] += slope * slope;
+                    shared.lanes[0][a] = slope;
+                    shared.factors[a] = [slope, 0.0, 0.0, 0.0, 0.0];
+                    for k in 0..3 {
+                        shared.lanes[2 + k][a] += slope * prior.by_point[k];
+                    }
+                }
+            }
+        }
+        let inverse = own.inverse(self.lambda);
+        let pull = inverse * own.gradient;
+        shares.sort_unstable_by_key(|share| share.block);
+        for share in shares.iter_mut() {
+            reduce(share, &inverse);
+        }
+        reduce(&mut shared, &inverse);
+        for (index, share) in shares.iter().enumerate() {
+            let (target, stride) = sums.matrix.corner_mut(share.block, share.block * C);
+            update::<S, 5, C>(simd, target, stride, &share.factors, &share.lanes, C);
+            for other in &shares[..index] {
+                let (target, stride) = sums.matrix.corner_mut(share.block, other.block * C);
+                subtract::<S, C, C>(simd, target, stride, share, other, C);
+                if other.block == share.block {
+                    let (target, stride) = sums.matrix.corner_mut(share.block, other.block * C);
+                    subtract::<S, C, C>(simd, target, stride, other, share, C);
+                }
+            }
+            lower(&mut sums.reduction[share.block * C..][..C], share, &pull);
+            if K > 0 {
+                let (target, stride) = sums.matrix.corner_mut(shared.block, share.block * C);
+                subtract::<S, K, C>(simd, target, stride, &shared, share, C);
+            }
+        }
+        if K > 0 {
+            let row = shared.block * C;
+            let (target, stride) = sums.matrix.corner_mut(shared.block, row);
+            update::<S, 5, K>(simd, target, stride, &shared.factors, &shared.lanes, K);
+            lower(&mut sums.reduction[row..][..K], &shared, &pull);
+        }
+    }
+
+    /// Adds one observation to the sums, and returns its camera's share of the point.
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[expect(clippy::too_many_arguments, reason = "three sums at once, so that nothing is stored between")]
+    #[inline(always)]
+    fn linearised<S: Simd>(
+        &self,
+        simd: S,
+        block: usize,
+        sight: &Sight<C, K>,
+        weight: f64,
+        own: &mut PointSums,
+        shared: &mut Share<K>,
+        sums: &mut Sums,
+    ) -> Share<C> {
+        let residual = sight.residual * weight;
+        let by_point = sight.by_point * weight;
+        own.own += by_point.transpose() * sight.by_point;
+        own.gradient += by_point.transpose() * sight.residual;
+        let mut share = Share { block, ..Share::ZERO };
+        for a in 0..C {
+            let slopes = [sight.by_camera[(0, a)], sight.by_camera[(1, a)]];
+            (share.lanes[0][a], share.lanes[1][a]) = (slopes[0], slopes[1]);
+            share.factors[a] = [slopes[0] * weight, slopes[1] * weight, 0.0, 0.0, 0.0];
+            sums.gradient[block * C + a] += slopes[0] * residual.x + slopes[1] * residual.y;
+            sums.diagonal[block * C + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
+            for k in 0..3 {
+                share.lanes[2 + k][a] = slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
+            }
+        }
+        if K > 0 {
+            let row = shared.block * C;
+            let mut lanes = [[0.0; SLACK]; 2];
+            let mut factors = [[0.0; 2]; K];
+            for a in 0..K {
+                let slopes = [sight.by_shared[(0, a)], sight.by_shared[(1, a)]];
+                (lanes[0][a], lanes[1][a]) = (slopes[0], slopes[1]);
+                factors[a] = slopes.map(|slope| slope * weight);
+                sums.gradient[row + a] += slopes[0] * residual.x + slopes[1] * residual.y;
+                sums.diagonal[row + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
+                for k in 0..3 {
+                    shared.lanes[2 + k][a] += slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
+                }
+            }
+            let (target, stride) = sums.matrix.corner_mut(shared.block, row);
+            update::<S, 2, K>(simd, target, stride, &factors, &lanes, K);
+            let (target, stride) = sums.matrix.corner_mut(shared.block, block * C);
+            update::<S, 2, K>(simd, target, stride, &factors, &[share.lanes[0], share.lanes[1]], C);
+        }
+        share
+    }
+}
+
+/// Multiplies the coupling with the inverse of the point's own curvature, negative.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn reduce<const N: usize>(share: &mut Share<N>, inverse: &Matrix3<f64>) {
+    for a in 0..N {
+        for k in 0..3 {
+            let sum: f64 = (0..3).map(|l| share.lanes[2 + l][a] * inverse[(l, k)]).sum();
+            share.factors[a][2 + k] = -sum;
+        }
+    }
+}
+
+/// Subtracts the coupling times the point's own step from the gradient.
+fn lower<const N: usize>(gradient: &mut [f64], share: &Share<N>, pull: &Vector3<f64>) {
+    for (a, value) in gradient.iter_mut().enumerate() {
+        *value -= (0..3).map(|k| share.lanes[2 + k][a] * pull[k]).sum::<f64>();
+    }
+}
+
+/// Subtracts what the point couples between two cameras.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn subtract<S: Simd, const N: usize, const O: usize>(
+    simd: S,
+    target: &mut [f64],
+    stride: usize,
+    rows: &Share<N>,
+    columns: &Share<O>,
+    width: usize,
+) {
+    let factors = rows.factors.each_ref().map(|&[_, _, a, b, c]| [a, b, c]);
+    let [_, _, a, b, c] = columns.lanes;
+    update::<S, 3, N>(simd, target, stride, &factors, &[a, b, c], width);
+}
+
+/// `target[row][column] += sum over r of factors[row][r] * lanes[r][column]`, in whole vectors: lanes beyond `width` are zero.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn update<S: Simd, const R: usize, const N: usize>(
+    simd: S,
+    target: &mut [f64],
+    stride: usize,
+    factors: &[[f64; R]; N],
+    lanes: &[[f64; SLACK]; R],
+    width: usize,
+) {
+    let vectors = width.div_ceil(S::F64_LANES);
+    for vector in 0..vectors {
+        let start = vector * S::F64_LANES;
+        let columns: [S::f64s; R] =
+            std::array::from_fn(|r| S::as_simd_f64s(&lanes[r][start..start + S::F64_LANES]).0[0]);
+        for (row, factors) in factors.iter().enumerate() {
+            let place = row * stride + start;
+            let sum = &mut S::as_mut_simd_f64s(&mut target[place..place + S::F64_LANES]).0[0];
+            for r in 0..R {
+                *sum = simd.mul_add_e_f64s(simd.splat_f64s(factors[r]), columns[r], *sum);
+            }
+        }
+    }
+}
+
+/// Adds what is said about cameras and shared unknowns alone; returns its cost.
+fn add_priors<M: Model<C, K>, const C: usize, const K: usize>(
+    model: &M,
+    layout: &Layout,
+    estimate: &M::Estimate,
+    information: bool,
+    equations: &mut Equations,
+) {
+    let Equations { matrix, gradient, diagonal, cost: total, .. } = equations;
+    let mut known = (Loss::Squared, 1.0);
+    model.priors(estimate, layout, &mut |row| {
+        let (cost, mut weight) = row.loss.at(row.residual * row.residual);
+        if information {
+            if known.0 != row.loss {
+                known = (row.loss, row.loss.information(1));
+            }
+            weight = if row.loss.believes(row.residual * row.residual) { known.1 } else { 0.0 };
+        }
+        *total += cost;
+        for &(index, a) in row.slopes {
+            gradient[index] += a * row.residual * weight;
+            diagonal[index] += a * a * weight;
+            for &(column, b) in row.slopes {
+                if column <= index {
+                    matrix.add(index, column, a * b * weight);
+                }
+            }
+        }
+    });
+}

@@ -1,0 +1,274 @@
+//! Levenberg-Marquardt for bundle adjustment: cameras of `C` unknowns, points of three, and unknowns that all share, of which
+//! `K` may appear in what is said about points.
+//!
+//! One iteration takes two passes over the observations. The first linearises them and eliminates each point from the normal
+//! equations at once (Schur complement; Triggs et al., "Bundle Adjustment: A Modern Synthesis", 2000, section 6); the second
+//! linearises again to move the points, and gives the cost of the new estimate. Nothing is stored per observation, so memory
+//! is that of the reduced matrix: linearising twice costs less time than 288 bytes per observation cost in memory traffic.
+//!
+//! Points are visited in chunks of fixed size, ordered along the cameras, each with its own sums over the few cameras that it
+//! touches, joined in order: the result does not depend on the number of threads.
+
+mod cholesky;
+mod eliminate;
+mod envelope;
+mod move_points;
+mod order;
+
+use nalgebra::{Matrix2x3, Point3, RowVector3, SMatrix, SVector, Vector2};
+use rayon::prelude::*;
+
+use cholesky::Factor;
+pub use cholesky::NotPositiveDefinite;
+use eliminate::{Equations, System};
+pub(super) use order::Layout;
+
+use super::loss::Loss;
+use super::tracks::{Observation, Tracks};
+
+/// Damping beyond which no descent is to be had.
+const LAMBDA_MAX: f64 = 1e12;
+const LAMBDA_MIN: f64 = 1e-9;
+const LAMBDA_START: f64 = 1e-4;
+
+/// One linearised observation: residual in pixels, and its derivatives.
+pub(super) struct Sight<const C: usize, const K: usize> {
+    pub(super) residual: Vector2<f64>,
+    pub(super) by_camera: SMatrix<f64, 2, C>,
+    pub(super) by_point: Matrix2x3<f64>,
+    pub(super) by_shared: SMatrix<f64, 2, K>,
+}
+
+/// What is known about a point beforehand: one residual in standard deviations.
+pub(super) struct PointPrior<const K: usize> {
+    pub(super) residual: f64,
+    pub(super) by_point: RowVector3<f64>,
+    pub(super) by_shared: SVector<f64, K>,
+}
+
+/// One residual about cameras and shared unknowns, in standard deviations, with its slopes by unknown.
+pub(super) struct PriorRow<'a> {
+    pub(super) residual: f64,
+    pub(super) loss: Loss,
+    /// Unknown by [`Layout`], slope.
+    pub(super) slopes: &'a [(usize, f64)],
+}
+
+/// The measurements of one problem, as the solver sees them.
+pub(super) trait Model<const C: usize, const K: usize>: Sync {
+    /// Cameras and shared unknowns.
+    type Estimate: Clone + Send + Sync;
+
+    fn cameras(&self) -> usize;
+    fn tracks(&self) -> &Tracks;
+    /// Number of shared unknowns, all of them free.
+    fn shared(&self) -> usize;
+    /// Which shared unknown each of the `K` is; `None` for one that is fixed.
+    fn point_shared(&self) -> [Option<usize>; K];
+    /// Pairs of cameras that priors couple.
+    fn links(&self) -> Vec<[u32; 2]>;
+    /// `None` if the point cannot be seen.
+    fn sight(&self, estimate: &Self::Estimate, point: &Point3<f64>, seen: &Observation) -> Option<Sight<C, K>>;
+    /// The residual alone.
+    fn residual(&self, estimate: &Self::Estimate, point: &Point3<f64>, seen: &Observation) -> Option<Vector2<f64>>;
+    fn point_prior(&self, estimate: &Self::Estimate, point: &Point3<f64>) -> Option<PointPrior<K>>;
+    /// Everything that is said about cameras and shared unknowns alone.
+    fn priors(&self, estimate: &Self::Estimate, layout: &Layout, emit: &mut dyn FnMut(&PriorRow<'_>));
+    /// The estimate after a step.
+    fn stepped(&self, estimate: &Self::Estimate, step: &Step<'_>) -> Self::Estimate;
+}
+
+/// A step of cameras and shared unknowns.
+pub(super) struct Step<'a> {
+    pub(super) layout: &'a Layout,
+    pub(super) values: &'a [f64],
+}
+
+impl Step<'_> {
+    pub(super) fn camera<const C: usize>(&self, camera: usize) -> SVector<f64, C> {
+        SVector::from_column_slice(&self.values[self.layout.camera(camera)..][..C])
+    }
+
+    pub(super) fn shared(&self, index: usize) -> f64 {
+        self.values[self.layout.shared(index)]
+    }
+}
+
+/// How much observations are trusted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Weighting {
+    /// One standard deviation, pixels.
+    pub(super) pixel_px: f64,
+    pub(super) loss: Loss,
+    /// For covariances: what a residual that is believed weighs, see [`Loss::information`].
+    pub(super) information: Option<f64>,
+}
+
+impl Weighting {
+    /// Cost, and weight of the residual in pixels. A point that cannot be seen costs as much as one far off.
+    fn at(&self, residual: Option<&Vector2<f64>>) -> (f64, f64) {
+        const UNSEEN_PX: f64 = 1e4;
+        let information = self.pixel_px.powi(-2);
+        let squared_px = residual.map_or(UNSEEN_PX * UNSEEN_PX, Vector2::norm_squared);
+        let (cost, weight) = self.loss.at(squared_px * information);
+        let weight = match self.information {
+            Some(believed) => {
+                if self.loss.believes(squared_px * information) {
+                    believed
+                } else {
+                    0.0
+                }
+            }
+            None => weight,
+        };
+        (cost, weight * information)
+    }
+}
+
+/// Cameras and shared unknowns, and the points in the order of the tracks.
+#[derive(Clone, Debug)]
+pub(super) struct State<E> {
+    pub(super) estimate: E,
+    pub(super) points: Vec<Point3<f64>>,
+}
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Limits {
+    pub(super) iterations: usize,
+    /// Relative decrease of the cost.
+    pub(super) decrease: f64,
+}
+
+/// How an iteration ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Minimised {
+    pub(super) outcome: super::Outcome,
+    /// Linear systems solved.
+    pub(super) iterations: usize,
+    pub(super) cost: f64,
+}
+
+/// A problem with its structure worked out.
+pub(super) struct Solver<'m, M, const C: usize, const K: usize> {
+    model: &'m M,
+    layout: Layout,
+    system: System,
+}
+
+impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
+    pub(super) fn new(model: &'m M) -> Self {
+        let layout = Layout::new(model.tracks(), C, model.cameras(), model.shared(), &model.links());
+        let system = System::new(&layout, model.tracks());
+        Self { model, layout, system }
+    }
+
+    /// The cost of a state.
+    pub(super) fn cost(&self, weighting: &Weighting, state: &State<M::Estimate>) -> f64 {
+        move_points::cost(self.model, &self.layout, weighting, state)
+    }
+
+    /// Reprojection error of every observation that projects, pixels, in the order of the tracks.
+    pub(super) fn errors_px(&self, state: &State<M::Estimate>) -> Vec<f64> {
+        let tracks = self.model.tracks();
+        let of_point = |point: usize| {
+            let errors = tracks
+                .of(point)
+                .iter()
+                .filter_map(move |seen| Some(self.model.residual(&state.estimate, &state.points[point], seen)?.norm()));
+            errors.collect::<Vec<f64>>()
+        };
+        (0..tracks.len()).into_par_iter().flat_map_iter(of_point).collect()
+    }
+
+    /// Levenberg-Marquardt with Nielsen's damping (Madsen, Nielsen & Tingleff, "Methods for Non-Linear Least Squares Problems",
+    /// 2004, section 3.2), scaled by the diagonal.
+    ///
+    /// # Errors
+    /// [`NotPositiveDefinite`] if the damped equations cannot be solved.
+    pub(super) fn minimise(
+        &mut self,
+        weighting: &Weighting,
+        state: &mut State<M::Estimate>,
+        limits: Limits,
+    ) -> Result<Minimised, NotPositiveDefinite> {
+        let (mut lambda, mut growth) = (LAMBDA_START, 2.0);
+        let ended = |outcome, iterations, cost| Ok(Minimised { outcome, iterations, cost });
+        let mut cost = f64::INFINITY;
+        for iteration in 1..=limits.iterations {
+            let equations = self.system.eliminate(self.model, &self.layout, weighting, state, lambda);
+            cost = equations.cost;
+            let settled = equations.gradient_max() <= 1e-6 * (1.0 + cost);
+            let step = self.solve(equations)?;
+            let moved = move_points::step(self.model, &self.layout, weighting, state, &step, lambda);
+            let decrease = cost - moved.cost;
+            let gain = decrease / moved.predicted;
+            if decrease > 0.0 && gain > 1e-3 {
+                *state = moved.state;
+                lambda = (lambda * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(LAMBDA_MIN);
+                growth = 2.0;
+                if decrease <= limits.decrease * cost {
+                    return ended(super::Outcome::Converged, iteration, moved.cost);
+                }
+                cost = moved.cost;
+            } else if moved.predicted <= limits.decrease * cost {
+                // At the optimum rounding decides the sign of the decrease.
+                return ended(super::Outcome::Converged, iteration, cost);
+            } else {
+                lambda *= growth;
+                growth *= 2.0;
+                if lambda > LAMBDA_MAX {
+                    let outcome = if settled { super::Outcome::Converged } else { super::Outcome::Stuck };
+                    return ended(outcome, iteration, cost);
+                }
+            }
+        }
+        ended(super::Outcome::IterationLimit, limits.iterations, cost)
+    }
+
+    /// Solves for the step of cameras and shared unknowns.
+    fn solve(&mut self, equations: Equations) -> Result<CameraStep, NotPositiveDefinite> {
+        let Equations { matrix, gradient, reduced_gradient, diagonal, .. } = equations;
+        let factor = Factor::new(matrix)?;
+        let mut values: Vec<f64> = reduced_gradient.iter().map(|value| -value).collect();
+        factor.solve(&mut values);
+        self.system.give_back(factor.into_storage());
+        Ok(CameraStep { values, gradient, diagonal })
+    }
+
+    /// Covariance of every camera, by camera, and of the shared unknowns, points and all else adjusted along.
+    ///
+    /// # Errors
+    /// [`NotPositiveDefinite`] if something is not determined.
+    pub(super) fn covariances(
+        &mut self,
+        weighting: &Weighting,
+        state: &State<M::Estimate>,
+    ) -> Result<Covariances<C>, NotPositiveDefinite> {
+        let weighting = Weighting { information: Some(weighting.loss.information(2)), ..*weighting };
+        let equations = self.system.eliminate(self.model, &self.layout, &weighting, state, 0.0);
+        let blocks = Factor::new(equations.matrix)?.inverse_diagonal();
+        let camera = |camera: usize| SMatrix::from_fn(|i, j| blocks[self.layout.position(camera)][(i, j)]);
+        let shared = blocks.get(self.layout.cameras());
+        Ok(Covariances {
+            cameras: (0..self.layout.cameras()).map(camera).collect(),
+            shared: (0..self.model.shared()).map(|i| shared.map_or(0.0, |block| block[(i, i)])).collect(),
+        })
+    }
+}
+
+/// See [`Solver::covariances`].
+pub(super) struct Covariances<const C: usize> {
+    pub(super) cameras: Vec<SMatrix<f64, C, C>>,
+    /// Variances of the shared unknowns.
+    pub(super) shared: Vec<f64>,
+}
+
+/// A step with what predicts its decrease.
+pub(super) struct CameraStep {
+    values: Vec<f64>,
+    /// Of cameras and shared unknowns, points not eliminated.
+    gradient: Vec<f64>,
+    /// Of the matrix, points not eliminated.
+    diagonal: Vec<f64>,
+}
