@@ -50,7 +50,8 @@ fn the_same_seed_leaves_the_same_set() {
     let folder = tempfile::tempdir().expect("a folder");
     let made = |name: &str, more: &[&str]| {
         let out = folder.path().join(name);
-        let small = ["spiral", "--photos", "4", "--width-px", "48", "--no-texture", "--out", out.to_str().expect("UTF-8")];
+        let small =
+            ["spiral", "--photos", "4", "--width-px", "48", "--no-texture", "--out", out.to_str().expect("UTF-8")];
         let output = survey(&[&small[..], more].concat());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         files(&out)

@@ -104,22 +104,16 @@ impl SetKind {
             Self::Concrete => circle(Pattern::Concrete),
             Self::Tiles => circle(Pattern::Tiles),
             Self::IdenticalBricks => circle(Pattern::IdenticalBrick),
-            Self::Jitter => Recipe {
-                photos: 120,
-                images_per_turn: 12,
-                advance_m: 0.15,
-                scatter: PAPER,
-                ..circle(Pattern::Brick)
-            },
+            Self::Jitter => {
+                Recipe { photos: 120, images_per_turn: 12, advance_m: 0.15, scatter: PAPER, ..circle(Pattern::Brick) }
+            }
             Self::Spiral => underpass,
             Self::Cylindrical => Recipe { photos: 170, advance_m: 1.0, stands: true, ..underpass },
             Self::Trolley => Recipe { photos: 230, advance_m: 22.0 / 230.0, ..underpass },
             Self::Long => Recipe { photos: 2300, advance_m: 22.0 / 230.0, ..underpass },
-            Self::Imperfect => Recipe {
-                built: ProfileSpec::Circle { radius_m: 3.03 },
-                imperfect: true,
-                ..circle(Pattern::Brick)
-            },
+            Self::Imperfect => {
+                Recipe { built: ProfileSpec::Circle { radius_m: 3.03 }, imperfect: true, ..circle(Pattern::Brick) }
+            }
         }
     }
 }

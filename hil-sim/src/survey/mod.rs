@@ -142,11 +142,13 @@ impl Set {
         let along_m = |capture: &Capture| capture.tunnel_from_body.translation.x;
         let length_m = captures.last().map_or(0.0, along_m) - captures.first().map_or(0.0, along_m);
         let profile = recipe.built.build()?;
-        let wall_config =
-            if recipe.imperfect { imperfect_wall(profile.perimeter_m(), length_m, seed) } else { WallConfig::default() };
-        let paint = Arc::new(
-            LiningPaint::new(&profile, &recipe.texture, Path::new("."), seed).map_err(RenderError::from)?,
-        );
+        let wall_config = if recipe.imperfect {
+            imperfect_wall(profile.perimeter_m(), length_m, seed)
+        } else {
+            WallConfig::default()
+        };
+        let paint =
+            Arc::new(LiningPaint::new(&profile, &recipe.texture, Path::new("."), seed).map_err(RenderError::from)?);
         let wall = Wall::new(profile, &wall_config, seed)?;
         let figures = SetFigures {
             format: 1,
@@ -166,7 +168,8 @@ impl Set {
 
     fn tags_csv(&self, places: &[CardPlace], seed: u64) -> String {
         let tags = tags::tags(&self.captures, &self.wall, &self.survey.rig, &self.survey.sigma, seed);
-        let rows = tags.iter().zip(places).map(|(tag, place)| tag_table::cells(Some(&place.name), tag).join(",") + "\n");
+        let rows =
+            tags.iter().zip(places).map(|(tag, place)| tag_table::cells(Some(&place.name), tag).join(",") + "\n");
         std::iter::once(tag_table::COLUMNS.join(",") + "\n").chain(rows).collect()
     }
 
