@@ -29,7 +29,7 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
-    fn at_most(what: String, found: Option<f64>, limit: f64, unit: &str) -> Self {
+    fn at_most(what: &str, found: Option<f64>, limit: f64, unit: &str) -> Self {
         Self {
             must_hold: format!("{what} at most {limit} {unit}").trim_end().to_owned(),
             found: found
@@ -51,17 +51,17 @@ pub(super) fn verdicts(outcomes: &[Outcome], bal: Option<&Value>) -> Vec<Verdict
             holds: Some(ours.accuracy.registered == ours.photos),
         });
         if let Some((_, aligned, absolute)) = SAMPLES.iter().find(|(name, ..)| name == set) {
-            verdicts.push(Verdict::at_most(format!("{set}: aligned"), ours.accuracy.aligned_mm, *aligned, "mm"));
-            verdicts.push(Verdict::at_most(format!("{set}: absolute"), ours.accuracy.absolute_mm, *absolute, "mm"));
+            verdicts.push(Verdict::at_most(&format!("{set}: aligned"), ours.accuracy.aligned_mm, *aligned, "mm"));
+            verdicts.push(Verdict::at_most(&format!("{set}: absolute"), ours.accuracy.absolute_mm, *absolute, "mm"));
         }
         if set == IMPERFECT.0 {
-            verdicts.push(Verdict::at_most(format!("{set}: aligned"), ours.accuracy.aligned_mm, IMPERFECT.1, "mm"));
+            verdicts.push(Verdict::at_most(&format!("{set}: aligned"), ours.accuracy.aligned_mm, IMPERFECT.1, "mm"));
         }
         let Some(peer) = find(set, Who::Peer) else { continue };
         if set == IMPERFECT.0 {
             let share = ours.accuracy.aligned_mm.zip(peer.accuracy.aligned_mm).map(|(ours, peer)| ours / peer);
             verdicts.push(Verdict::at_most(
-                format!("{set}: share of the peer's aligned error"),
+                &format!("{set}: share of the peer's aligned error"),
                 share,
                 IMPERFECT.2,
                 "",
@@ -77,8 +77,8 @@ pub(super) fn verdicts(outcomes: &[Outcome], bal: Option<&Value>) -> Vec<Verdict
     }
     if let Some((short, long)) = find(SHORT, Who::Ours).zip(find(LONG, Who::Ours)) {
         let (time, memory) = (long.total_s / short.total_s, long.peak_mib / short.peak_mib);
-        verdicts.push(Verdict::at_most(format!("{LONG}: time against {SHORT}"), Some(time), GROWTH.0, "times"));
-        verdicts.push(Verdict::at_most(format!("{LONG}: memory against {SHORT}"), Some(memory), GROWTH.1, "times"));
+        verdicts.push(Verdict::at_most(&format!("{LONG}: time against {SHORT}"), Some(time), GROWTH.0, "times"));
+        verdicts.push(Verdict::at_most(&format!("{LONG}: memory against {SHORT}"), Some(memory), GROWTH.1, "times"));
     }
     if let Some(bal) = bal {
         let off = bal["ours"]["final_cost"].as_f64().map(|cost| (cost / OPTIMUM - 1.0).abs());
