@@ -67,8 +67,8 @@ impl MissionFile {
             mission_folder: self.path.parent().unwrap_or(Path::new(".")),
             report: left.report,
         };
-        let bar = ProgressBar::new(left.flight.exposures.len() as u64);
-        bar.set_style(ProgressStyle::with_template("photos {bar:40} {pos}/{len} {eta}")?);
+        let bar = photo_bar()?;
+        bar.set_length(left.flight.exposures.len() as u64);
         let after_each = || bar.inc(1);
         write_card(out, &source, left.photos.then_some(&after_each))?;
         bar.finish_and_clear();
@@ -91,20 +91,33 @@ pub struct Left<'f> {
     pub photos: bool,
 }
 
-/// Makes the folder, or refuses one that holds something; with `force`, removes what an earlier flight left in it.
+/// A progress bar for photos; their number is set later.
+///
+/// # Errors
+/// Never; its template is checked when it is made.
+pub fn photo_bar() -> Result<ProgressBar> {
+    let style = ProgressStyle::with_template("photos {bar:40} {pos}/{len} {eta}")?;
+    Ok(ProgressBar::new(0).with_style(style))
+}
+
+/// What a flight leaves that a later one must not mix with.
+pub const FLIGHT_PARTS: [&str; 2] = ["DCIM", "truth"];
+
+/// Makes the folder, or refuses one that holds something; with `force`, removes the folders `parts` that an earlier run left
+/// in it.
 ///
 /// # Errors
 /// If the folder holds something and `force` is not set, or cannot be made or emptied.
-pub fn prepare(out: &Path, force: bool) -> Result<()> {
+pub fn prepare(out: &Path, force: bool, parts: &[&str]) -> Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make folder {}", out.display()))?;
     let holds_something = std::fs::read_dir(out).with_context(|| format!("cannot read {}", out.display()))?.count() > 0;
     if !holds_something {
         return Ok(());
     }
     if !force {
-        bail!("{} is not empty; choose another folder, or --force to replace the flight in it", out.display());
+        bail!("{} is not empty; choose another folder, or --force to replace what is in it", out.display());
     }
-    for name in ["DCIM", "truth"] {
+    for name in parts {
         let folder = out.join(name);
         if folder.exists() {
             std::fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;

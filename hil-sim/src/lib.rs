@@ -16,5 +16,6 @@ pub mod scene;
 pub mod seed;
 pub mod sensors;
 pub mod serial_board;
+pub mod survey;
 pub mod tunnel;
 pub mod world;

@@ -1,4 +1,4 @@
-//! `adit-sim`: flies the rotator board through a simulated tunnel and leaves what a real flight leaves.
+//! `adit-sim`: flies the rotator board through a simulated tunnel and leaves what a real flight leaves; or makes survey sets.
 //!
 //! Exit codes: 0 done, 1 the flight broke a rule that must hold, 2 could not run.
 
@@ -7,11 +7,12 @@ use std::process::ExitCode;
 
 use adit_hil_sim::card::log_bytes;
 use adit_hil_sim::check::Report;
-use adit_hil_sim::command::{Left, MissionFile, figures_text, prepare};
+use adit_hil_sim::command::{FLIGHT_PARTS, Left, MissionFile, figures_text, photo_bar, prepare};
 use adit_hil_sim::config::AutopilotKind;
 use adit_hil_sim::flight::{Flight, FlightError, Linked, fly, fly_board};
 use adit_hil_sim::peer::Peer;
 use adit_hil_sim::serial_board::SerialBoard;
+use adit_hil_sim::survey::{SET_PARTS, SetKind, SetOptions, WIDTH_PX, make_set};
 use adit_protocol::connection::Connection;
 use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
@@ -31,6 +32,8 @@ struct Cli {
 enum Verb {
     /// Fly a mission; writes board.log, DCIM/, truth/ and flight.json.
     Fly(FlyArguments),
+    /// Make a survey folder with its truth from a scripted way through a tunnel, to test the ground side with.
+    Survey(SurveyArguments),
 }
 
 #[derive(Args)]
@@ -62,6 +65,37 @@ struct FlyArguments {
     force: bool,
 }
 
+#[derive(Args)]
+struct SurveyArguments {
+    /// What the set is to show.
+    #[arg(value_enum)]
+    kind: SetKind,
+    /// Folder to write to; made if it is not there.
+    #[arg(long)]
+    out: PathBuf,
+    /// How many photos; default: the kind's own number.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..10_000))]
+    photos: Option<u32>,
+    /// Seed of everything that happens by chance.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Width of the photos in pixels; height and lens follow.
+    #[arg(long, default_value_t = WIDTH_PX, value_parser = clap::value_parser!(u32).range(40..=8000))]
+    width_px: u32,
+    /// Leave out the true texture.
+    #[arg(long)]
+    no_texture: bool,
+    /// Threads for rendering; default: all processors.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Print the figures as JSON.
+    #[arg(long)]
+    json: bool,
+    /// Write into a folder that is not empty: what an earlier set left there is removed first.
+    #[arg(long)]
+    force: bool,
+}
+
 /// Who flies the board, and who watches.
 #[derive(Args)]
 struct VehicleArguments {
@@ -78,10 +112,13 @@ struct VehicleArguments {
 }
 
 fn main() -> ExitCode {
-    let Cli { command: Verb::Fly(arguments) } = Cli::parse();
-    match run(&arguments) {
-        Ok(report) if report.violations.is_empty() => ExitCode::SUCCESS,
-        Ok(_) => ExitCode::from(1),
+    let good = match Cli::parse().command {
+        Verb::Fly(arguments) => run(&arguments).map(|report| report.violations.is_empty()),
+        Verb::Survey(arguments) => survey(&arguments).map(|()| true),
+    };
+    match good {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::from(2)
@@ -93,10 +130,8 @@ fn run(arguments: &FlyArguments) -> Result<Report> {
     let mut file = MissionFile::read(&arguments.mission, arguments.seed)?;
     file.simulation.autopilot.kind = arguments.vehicle.autopilot.unwrap_or(file.simulation.autopilot.kind);
     eprintln!("seed {}", file.seed);
-    prepare(&arguments.out, arguments.force)?;
-    if let Some(threads) = arguments.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start threads")?;
-    }
+    prepare(&arguments.out, arguments.force, &FLIGHT_PARTS)?;
+    start_threads(arguments.threads)?;
 
     let flight = flown(arguments, &file).with_context(|| format!("mission {}", file.path.display()))?;
     let log = log_bytes(&flight).context("board.log")?;
@@ -105,6 +140,39 @@ fn run(arguments: &FlyArguments) -> Result<Report> {
     file.leave(&arguments.out, &Left { program: PROGRAM, flight: &flight, log: &log, report: &report, photos })?;
     print(&report, arguments.json)?;
     Ok(report)
+}
+
+fn survey(arguments: &SurveyArguments) -> Result<()> {
+    eprintln!("seed {}", arguments.seed);
+    prepare(&arguments.out, arguments.force, &SET_PARTS)?;
+    start_threads(arguments.threads)?;
+    let options = SetOptions {
+        kind: arguments.kind,
+        seed: arguments.seed,
+        photos: arguments.photos,
+        width_px: arguments.width_px,
+        texture: !arguments.no_texture,
+    };
+    let bar = photo_bar()?;
+    let figures = make_set(&arguments.out, &options, &|all| {
+        bar.set_length(all as u64);
+        bar.inc(1);
+    })?;
+    bar.finish_and_clear();
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&figures)?);
+    } else {
+        println!("photos             {}", figures.photos);
+        println!("length             {:.2} m", figures.length_m);
+    }
+    Ok(())
+}
+
+fn start_threads(threads: Option<usize>) -> Result<()> {
+    if let Some(threads) = threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start threads")?;
+    }
+    Ok(())
 }
 
 fn flown(arguments: &FlyArguments, file: &MissionFile) -> Result<Flight> {

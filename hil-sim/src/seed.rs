@@ -31,6 +31,8 @@ pub enum Stream {
     Faults = 30,
     /// What differs from one vehicle to the next: biases, offsets, mounting.
     Build = 31,
+    /// The wall's bulges in a survey set.
+    Wall = 40,
 }
 
 /// A stream of random numbers.

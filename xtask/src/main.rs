@@ -1,5 +1,6 @@
 //! Set-up, demo, flash, test and ci: the commands of README and `.ci/run`, the same on every machine.
 
+mod bench_peers;
 mod demo;
 mod flash;
 mod image;
@@ -7,6 +8,7 @@ mod peers;
 mod shell;
 mod test;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -39,6 +41,25 @@ enum Command {
         #[arg(long)]
         hil: bool,
     },
+    /// Run COLMAP and ours on the same surveys and write one table of accuracy, time and memory.
+    ///
+    /// Installs pycolmap from `PyPI` in target/ and makes the simulator's sets in target/bench-sets, which are kept (delete
+    /// a set and its `.finished` mark to have it made again). Results are kept for as long as set and program are the same.
+    BenchPeers {
+        /// Only these, by commas: samples, kinds of `adit-sim survey`, bal, or long (230 and 2,300 photos, ours only;
+        /// not among the default).
+        #[arg(long, value_delimiter = ',')]
+        sets: Option<Vec<String>>,
+        /// Where table.md, table.json and results go.
+        #[arg(long, default_value = "target/bench-peers")]
+        out: PathBuf,
+        /// Leave COLMAP out.
+        #[arg(long)]
+        skip_peer: bool,
+        /// Measure again what an earlier run has measured.
+        #[arg(long)]
+        fresh: bool,
+    },
     /// Measure the flash image and compare it with firmware/budget.toml.
     Size,
     /// Everything a change must pass: set-up, board build, all tests.
@@ -55,6 +76,10 @@ fn main() -> ExitCode {
         Command::Demo { seed } => demo::demo(seed),
         Command::Flash { build_only, hil } => {
             flash::flash(if hil { image::Kind::Hil } else { image::Kind::Flight }, build_only)
+        }
+        Command::BenchPeers { sets, out, skip_peer, fresh } => {
+            let out = shell::top().join(out);
+            bench_peers::bench_peers(&bench_peers::Options { sets, out, skip_peer, fresh })
         }
         Command::Size => flash::size(),
         Command::Test => test::test(),

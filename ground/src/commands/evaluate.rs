@@ -12,9 +12,11 @@ use super::{Answer, Common, print};
 ///
 /// Reads OUT/poses.csv and SURVEY/truth/poses.csv: errors of the optical centres in millimetres and of the orientations
 /// in degrees, after the best similarity transform ("aligned", what the photos decide) and as they are in the tunnel
-/// frame ("absolute", what the tags add). If there is a panorama and SURVEY/truth/texture.jpg, patches of 1 m are looked
-/// for in it, and the shift is given in millimetres on the wall; and it is counted how much of what a photo saw is
-/// coloured.
+/// frame ("absolute", what the tags add). Drift is how the position error grows per metre of distance from the start, the
+/// reconstruction laid onto the truth at its first ten photos, its scale that of the whole.
+///
+/// If there is a panorama and SURVEY/truth/texture.jpg, patches of 1 m are looked for in it, and the shift is given in
+/// millimetres on the wall; and it is counted how much of what a photo saw is coloured.
 ///
 /// The answer is no (exit code 1) if a photo of the truth has no adjusted pose, or if a limit given is exceeded.
 #[derive(Debug, Args)]

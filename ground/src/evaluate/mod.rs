@@ -2,6 +2,7 @@
 
 mod align;
 mod coverage;
+mod drift;
 mod poses;
 mod shift;
 mod table;

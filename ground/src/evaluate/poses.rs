@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Point3, Similarity3, UnitQuaternion};
 use serde::Serialize;
 
 use super::align::similarity;
+use super::drift::drift_mm_per_m;
 use crate::poses::{PhotoPose, PoseStatus};
 
 /// Figures of a set of errors.
@@ -71,6 +72,9 @@ pub struct PoseEvaluation {
     pub aligned: Option<AlignedErrors>,
     /// In the tunnel frame without any alignment; absent without a registered photo.
     pub absolute: Option<FrameErrors>,
+    /// Growth of the position error per metre of distance from the start, the reconstruction laid onto the truth at its
+    /// first ten photos; absent for fewer than twenty photos, or less than a metre.
+    pub drift_mm_per_m: Option<f64>,
 }
 
 /// Compares estimated poses with true ones.
@@ -95,12 +99,26 @@ pub(super) fn compare_poses(estimated: &[PhotoPose], truth: &[PhotoPose]) -> Pos
     let centre = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
     let ours: Vec<Point3<f64>> = pairs.iter().map(|(_, estimated, _)| centre(estimated)).collect();
     let theirs: Vec<Point3<f64>> = pairs.iter().map(|(_, _, truth)| centre(truth)).collect();
-    let aligned = similarity(&ours, &theirs).map(|truth_from_estimate| AlignedErrors {
+    let truth_from_estimate = similarity(&ours, &theirs);
+    let drift_mm_per_m = truth_from_estimate.and_then(|found| {
+        let pairs: Vec<_> = pairs.iter().map(|(_, estimated, truth)| (*estimated, *truth)).collect();
+        drift_mm_per_m(&pairs, found.scaling())
+    });
+    let aligned = truth_from_estimate.map(|truth_from_estimate| AlignedErrors {
         errors: errors_after(&truth_from_estimate, &pairs),
         scale_error_percent: (1.0 / truth_from_estimate.scaling() - 1.0) * 100.0,
     });
     let absolute = (!pairs.is_empty()).then(|| errors_after(&Similarity3::identity(), &pairs));
-    PoseEvaluation { photos: truth.len(), registered: pairs.len(), prior_only, missing, unknown, aligned, absolute }
+    PoseEvaluation {
+        photos: truth.len(),
+        registered: pairs.len(),
+        prior_only,
+        missing,
+        unknown,
+        aligned,
+        absolute,
+        drift_mm_per_m,
+    }
 }
 
 /// Poses by the photo's name, with its folder or, where that is unique, without.

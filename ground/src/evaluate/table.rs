@@ -28,6 +28,9 @@ impl fmt::Display for Evaluation {
         if let Some(absolute) = &poses.absolute {
             frame(out, "absolute", absolute)?;
         }
+        if let Some(drift) = poses.drift_mm_per_m {
+            writeln!(out, "{:<20}{drift:>10.3} mm per metre from the start", "drift")?;
+        }
         if let Some(shift) = &self.panorama {
             writeln!(
                 out,

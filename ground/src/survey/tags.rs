@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use adit_protocol::tag::{CaptureState, CaptureTag, Ranges, TagFlags};
+use adit_protocol::tag_table;
 
 use super::{TagFault, TagsError};
 
@@ -35,27 +36,7 @@ pub enum TagColumn {
 
 impl TagColumn {
     /// The headings, in order.
-    pub const NAMES: [&'static str; 19] = [
-        "capture",
-        "photo",
-        "state",
-        "time_s",
-        "shaft_deg",
-        "range_up_m",
-        "range_right_m",
-        "range_down_m",
-        "range_left_m",
-        "range_head_m",
-        "odometer_m",
-        "roll_deg",
-        "pitch_deg",
-        "yaw_deg",
-        "offset_y_m",
-        "offset_z_m",
-        "speed_mps",
-        "speed_limit_mps",
-        "flags",
-    ];
+    pub const NAMES: [&'static str; 19] = tag_table::COLUMNS;
 
     /// The column's heading.
     pub fn name(self) -> &'static str {
@@ -339,45 +320,9 @@ pub fn write_tags<'a>(out: &mut impl Write, rows: impl IntoIterator<Item = &'a T
     let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::Any(b'\n')).from_writer(out);
     writer.write_record(TagColumn::NAMES).map_err(io::Error::other)?;
     for row in rows {
-        writer.write_record(cells(row)).map_err(io::Error::other)?;
+        writer.write_record(tag_table::cells(row.photo.as_deref(), &row.tag)).map_err(io::Error::other)?;
     }
     writer.flush()
-}
-
-fn cells(row: &TagRow) -> [String; 19] {
-    let tag = &row.tag;
-    let number = |value: Option<f32>| value.map(|v| format!("{v:.4}")).unwrap_or_default();
-    let degrees = |rad: f32| format!("{:.4}", f64::from(rad).to_degrees());
-    let attitude = |i: usize| tag.attitude_rad.map(|angles| degrees(angles[i])).unwrap_or_default();
-    let offset = |i: usize| number(tag.offset_m.map(|offset| offset[i]));
-    let state = match tag.state {
-        CaptureState::Commanded => "commanded",
-        CaptureState::Busy => "busy",
-        CaptureState::Confirmed => "confirmed",
-    };
-    let flags: Vec<&str> =
-        TagFlags::NAMES.iter().filter(|(_, flag)| tag.flags.contains(*flag)).map(|(name, _)| *name).collect();
-    [
-        tag.capture.to_string(),
-        row.photo.clone().unwrap_or_default(),
-        state.to_owned(),
-        format!("{}.{:06}", tag.time_us / 1_000_000, tag.time_us % 1_000_000),
-        degrees(tag.shaft_rad),
-        number(tag.ranges.up_m),
-        number(tag.ranges.right_m),
-        number(tag.ranges.down_m),
-        number(tag.ranges.left_m),
-        number(tag.range_head_m),
-        number(tag.odometer_m),
-        attitude(0),
-        attitude(1),
-        attitude(2),
-        offset(0),
-        offset(1),
-        number(tag.speed_mps),
-        number(tag.speed_limit_mps),
-        flags.join("|"),
-    ]
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use adit_emulator::serve::{Ports, serve};
 use adit_emulator::{EmulatedBoard, Report, Setup, Watched, log_of, provisioned_fram};
 use adit_hil_sim::check;
-use adit_hil_sim::command::{Left, MissionFile, figures_text, prepare};
+use adit_hil_sim::command::{FLIGHT_PARTS, Left, MissionFile, figures_text, prepare};
 use adit_hil_sim::flight::fly_board;
 use adit_hil_sim::peer::Peer;
 use adit_protocol::connection::Connection;
@@ -160,7 +160,7 @@ fn run(arguments: &FlyArguments) -> Result<bool> {
     eprintln!("seed {}", file.seed);
     let image = &arguments.image;
     must_exist(image)?;
-    prepare(&arguments.out, arguments.force)?;
+    prepare(&arguments.out, arguments.force, &FLIGHT_PARTS)?;
 
     let parameters = file.mission.parameters();
     let setup = Setup { fram: provisioned_fram(&parameters)?, ..Setup::new(file.seed)? };

@@ -31,11 +31,6 @@ use crate::render::{ExifTime, PhotoRenderer, RenderError, Shot};
 use crate::scene::paint::LiningPaint;
 use crate::world::Exposure;
 
-/// The true texture reaches this far beyond the first and the last photo.
-const TEXTURE_MARGIN_M: f64 = 2.0;
-/// Rows that a JPEG holds at most, less some.
-const TEXTURE_ROWS: f64 = 65_000.0;
-
 /// Everything that a card is made from.
 #[derive(Clone, Copy, Debug)]
 pub struct CardSource<'f> {
@@ -166,11 +161,9 @@ fn write_photos(
         Ok::<(), RenderError>(())
     })?;
 
-    let stations = flight.exposures.iter().map(|exposure| exposure.tunnel_from_cam.translation.x);
-    let from_x_m = stations.clone().fold(f64::INFINITY, f64::min).min(simulation.pilot.start_x_m) - TEXTURE_MARGIN_M;
-    let to_x_m = stations.fold(simulation.pilot.start_x_m, f64::max) + TEXTURE_MARGIN_M;
-    let mm_per_px = render.truth_mm_per_px.max((to_x_m - from_x_m) * 1000.0 / TEXTURE_ROWS);
-    let geometry = TextureGeometry::new(flight.wall.profile(), from_x_m, to_x_m, mm_per_px);
+    let stations_m = flight.exposures.iter().map(|exposure| exposure.tunnel_from_cam.translation.x);
+    let stations_m = stations_m.chain([simulation.pilot.start_x_m]);
+    let geometry = TextureGeometry::around(flight.wall.profile(), stations_m, render.truth_mm_per_px);
     write_texture(&out.join("truth"), &geometry, paint.as_ref())?;
     Ok(())
 }

@@ -16,6 +16,10 @@ use crate::scene::paint::{Paint, Patch, srgb_of_linear};
 
 /// Rows of the texture that are painted at a time.
 const BAND_ROWS: usize = 64;
+/// The true texture reaches this far beyond the first and the last photo.
+const MARGIN_M: f64 = 2.0;
+/// Rows that a JPEG holds at most, less some.
+const MOST_ROWS: f64 = 65_000.0;
 /// Quality of the texture file.
 const QUALITY: u8 = 92;
 
@@ -79,6 +83,15 @@ impl TextureGeometry {
             perimeter_m,
             profile: None,
         }
+    }
+
+    /// The texture that photos at these stations may see, at `finest_mm_per_px` or, for a long tunnel, as fine as a JPEG
+    /// file holds.
+    pub fn around(profile: &Profile<f64>, stations_m: impl IntoIterator<Item = f64>, finest_mm_per_px: f64) -> Self {
+        let range = |(from_m, to_m): (f64, f64), x_m: f64| (from_m.min(x_m), to_m.max(x_m));
+        let (from_m, to_m) = stations_m.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), range);
+        let (from_m, to_m) = (from_m - MARGIN_M, to_m + MARGIN_M);
+        Self::new(profile, from_m, to_m, finest_mm_per_px.max((to_m - from_m) * 1e3 / MOST_ROWS))
     }
 
     /// Wall patch of a pixel.

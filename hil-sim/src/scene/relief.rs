@@ -76,6 +76,9 @@ pub(super) struct Bulge {
 /// Beyond this many standard deviations a bulge counts as flat: `exp(-18)` of 100 mm is 2 nanometres.
 const BULGE_REACH_SIGMAS: f64 = 6.0;
 
+/// Within this many standard deviations of its middle a bulge counts with its whole height.
+const BULGE_CORE_SIGMAS: f64 = 3.0;
+
 impl Relief {
     /// Tells whether the wall is its profile exactly.
     pub fn is_flat(&self) -> bool {
@@ -83,11 +86,28 @@ impl Relief {
     }
 
     /// Returns a height that the relief exceeds nowhere, in either sense.
+    ///
+    /// Bulges count together where they are near enough to each other to add up.
     pub fn bound_m(&self) -> f64 {
         self.ovality_m.abs()
             + self.ring.map_or(0.0, |ring| ring.step_m.abs())
             + self.undulation.map_or(0.0, |undulation| undulation.amplitude_m.abs())
-            + self.bulges.iter().map(|bulge| bulge.height_m.abs()).sum::<f64>()
+            + self.bulges_bound_m()
+    }
+
+    /// At a point within [`BULGE_CORE_SIGMAS`] of some bulge only bulges whose cores overlap that one's can be near too;
+    /// all others have fallen to `exp(-4.5)` of their height.
+    fn bulges_bound_m(&self) -> f64 {
+        let far_share = (-0.5 * BULGE_CORE_SIGMAS * BULGE_CORE_SIGMAS).exp();
+        let together_m = |one: &Bulge| -> f64 {
+            let share = |other: &&Bulge| {
+                let away_m = self.shortest_way(one.s_m - other.s_m).hypot(one.x_m - other.x_m);
+                away_m <= BULGE_CORE_SIGMAS * (one.sigma_m + other.sigma_m)
+            };
+            self.bulges.iter().filter(share).map(|bulge| bulge.height_m.abs()).sum()
+        };
+        let all_m: f64 = self.bulges.iter().map(|bulge| bulge.height_m.abs()).sum();
+        self.bulges.iter().map(together_m).fold(0.0, f64::max) + far_share * all_m
     }
 
     /// Returns the number of the ring at a station; 0 everywhere if rings do not differ.

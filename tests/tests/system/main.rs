@@ -5,3 +5,4 @@ mod flight;
 mod killed;
 mod programs;
 mod samples;
+mod sets;

@@ -1,4 +1,4 @@
-//! Brick lining: stretchers along the tunnel in half bond, every brick fired a little differently.
+//! Brick lining: stretchers along the tunnel in half bond, every brick fired a little differently, or all alike.
 
 use super::lattice::{Octave, Octaves, around, cell, even_count, hash, share_in_joint, signed, smooth_step, unit};
 use super::{Paint, Patch, Rgb, blend, linear_of_srgb, mean, scale};
@@ -14,6 +14,8 @@ const WOBBLE_M: f32 = 0.0025;
 
 pub(super) struct Brick {
     seed: u32,
+    /// Whether bricks, grain and joints differ; if not, only the largest stains are left.
+    varied: bool,
     courses: i32,
     course_pitch_m: f64,
     wobble: [Octave; 2],
@@ -32,6 +34,7 @@ impl Brick {
         let octave = |stream, cell_m| Octave::new(seed, stream, perimeter_m, cell_m);
         Self {
             seed: seed as u32,
+            varied: true,
             courses,
             course_pitch_m,
             wobble: [octave(1, 0.05), octave(2, 0.05)],
@@ -48,6 +51,42 @@ impl Brick {
             mortar: linear_of_srgb([172, 164, 150]),
             lime: linear_of_srgb([205, 200, 190]),
         }
+    }
+
+    /// Bricks laid to the millimetre, all of one colour, without grain; a stain here and there.
+    pub(super) fn identical(perimeter_m: f64, seed: u64) -> Self {
+        Self { varied: false, ..Self::new(perimeter_m, seed) }
+    }
+
+    /// Tone of a stained place: 1 where there is no stain.
+    fn stain_tone(&self, whole: &Patch) -> f32 {
+        let damp = self.damp.at(whole);
+        if !self.varied {
+            // About one place in twenty.
+            return 1.0 - 0.35 * smooth_step(0.6, 0.8, damp);
+        }
+        let stain = self.stain.coarse(whole) + self.stain.fine(whole, whole);
+        (1.0 + stain) * (1.0 - 0.35 * smooth_step(0.2, 0.7, damp))
+    }
+
+    /// The wall where all bricks are alike.
+    fn mean_identical(&self, whole: &Patch, samples: &[Patch]) -> Rgb {
+        let tone = self.stain_tone(whole);
+        mean(samples, |sample| {
+            let (_, _, mortar) = self.bond(sample, [0.0; 2]);
+            scale(blend(self.fired[0], self.mortar, mortar), tone)
+        })
+    }
+
+    /// Course, column and share of mortar of a sample, its edges displaced by `wobble_m` (around, along).
+    fn bond(&self, sample: &Patch, wobble_m: [f64; 2]) -> (i32, i32, f32) {
+        let (course, from_course_m) = cell(sample.s_m + wobble_m[0], self.course_pitch_m);
+        let course = around(course, self.courses);
+        let bond_m = if course % 2 == 0 { 0.0 } else { 0.5 * BRICK_PITCH_M };
+        let (column, from_middle_m) = cell(sample.x_m + wobble_m[1] + bond_m, BRICK_PITCH_M);
+        let bed = share_in_joint(from_course_m, sample.size_s_m, self.course_pitch_m as f32, JOINT_M);
+        let head = share_in_joint(from_middle_m, sample.size_x_m, BRICK_PITCH_M as f32, JOINT_M);
+        (course, column, 1.0 - (1.0 - bed) * (1.0 - head))
     }
 
     /// Colour of one brick.
@@ -70,21 +109,15 @@ impl Brick {
 
 impl Paint for Brick {
     fn mean_albedo(&self, whole: &Patch, samples: &[Patch]) -> Rgb {
-        let wobble_s_m = f64::from(WOBBLE_M * self.wobble[0].at(whole));
-        let wobble_x_m = f64::from(WOBBLE_M * self.wobble[1].at(whole));
+        if !self.varied {
+            return self.mean_identical(whole, samples);
+        }
+        let wobble_m = [0, 1].map(|axis| f64::from(WOBBLE_M * self.wobble[axis].at(whole)));
         let coarse_grain = self.grain.coarse(whole);
-        let stain = self.stain.coarse(whole) + self.stain.fine(whole, whole);
         let bloom = self.bloom.at(whole);
-        let damp = smooth_step(0.2, 0.7, self.damp.at(whole));
-        let tone = (1.0 + stain) * (1.0 - 0.35 * damp);
+        let tone = self.stain_tone(whole);
         mean(samples, |sample| {
-            let (course, from_course_m) = cell(sample.s_m + wobble_s_m, self.course_pitch_m);
-            let course = around(course, self.courses);
-            let bond_m = if course % 2 == 0 { 0.0 } else { 0.5 * BRICK_PITCH_M };
-            let (column, from_middle_m) = cell(sample.x_m + wobble_x_m + bond_m, BRICK_PITCH_M);
-            let bed = share_in_joint(from_course_m, sample.size_s_m, self.course_pitch_m as f32, JOINT_M);
-            let head = share_in_joint(from_middle_m, sample.size_x_m, BRICK_PITCH_M as f32, JOINT_M);
-            let mortar = 1.0 - (1.0 - bed) * (1.0 - head);
+            let (course, column, mortar) = self.bond(sample, wobble_m);
             let grain = coarse_grain + self.grain.fine(whole, sample);
             let brick = scale(self.brick_colour(course, column), 1.0 + 1.5 * grain);
             let joint = scale(self.mortar, 1.0 + grain);

@@ -88,6 +88,8 @@ pub enum Pattern {
     Tiles,
     /// A picture file.
     Photo,
+    /// Brick without any difference from one to the next but a few stains: the worst case of repeated structure.
+    IdenticalBrick,
 }
 
 /// What the mission file's `[simulation.texture]` says.
@@ -174,6 +176,7 @@ fn paint(
     let seed = noise::derive_seed(seed, 0x10 + pattern as u64);
     Ok(match pattern {
         Pattern::Brick => Box::new(Brick::new(perimeter_m, seed)),
+        Pattern::IdenticalBrick => Box::new(Brick::identical(perimeter_m, seed)),
         Pattern::Panorama => Box::new(Panorama::new(perimeter_m, seed)),
         Pattern::Concrete => Box::new(Concrete::new(perimeter_m, seed)),
         Pattern::Tiles => Box::new(Tiles::new(perimeter_m, seed)),

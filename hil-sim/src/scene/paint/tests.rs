@@ -12,7 +12,8 @@ fn lining(pattern: Pattern) -> LiningPaint {
     LiningPaint::new(&profile, &config, Path::new("."), 42).expect("no file needed")
 }
 
-const PROCEDURAL: [Pattern; 4] = [Pattern::Brick, Pattern::Panorama, Pattern::Concrete, Pattern::Tiles];
+const PROCEDURAL: [Pattern; 5] =
+    [Pattern::Brick, Pattern::Panorama, Pattern::Concrete, Pattern::Tiles, Pattern::IdenticalBrick];
 
 #[test]
 fn every_pattern_closes_at_the_crown() {
@@ -64,6 +65,25 @@ fn a_large_patch_has_the_mean_colour_of_its_small_ones() {
         }
         assert!(error < 0.12 * spread, "{pattern:?}: mean error {error} of {spread}");
     }
+}
+
+#[test]
+fn identical_bricks_repeat_to_the_last_digit_but_for_a_few_stains() {
+    let (identical, varied) = (lining(Pattern::IdenticalBrick), lining(Pattern::Brick));
+    // Two courses and two bricks on: the same place of another brick.
+    let courses = (identical.perimeter_m / 0.15).round();
+    let repeats = |paint: &LiningPaint| {
+        let same = |step: &i32| {
+            let (s_m, x_m) = (f64::from(step % 97) * 0.131, f64::from(*step) * 0.0371);
+            let moved = patch(s_m + 2.0 * identical.perimeter_m / courses, x_m + 0.45, 0.003);
+            let (here, there) = (paint.albedo(&patch(s_m, x_m, 0.003)), paint.albedo(&moved));
+            here.iter().zip(there).all(|(a, b)| (a - b).abs() < 1e-4)
+        };
+        (0..2000).filter(same).count()
+    };
+    let repeated = repeats(&identical);
+    assert!((1700..1990).contains(&repeated), "{repeated} of 2000 places repeat");
+    assert!(repeats(&varied) < 20);
 }
 
 #[test]
