@@ -7,7 +7,7 @@ mod textured;
 
 mod adjustment;
 
-use adit_ground::adjust::adjust;
+use adit_ground::adjust::{Covariances, adjust};
 use adit_ground::matching::{MatchConfig, match_round};
 use adit_ground::texture::{self, TextureOptions};
 use divan::Bencher;
@@ -32,17 +32,33 @@ fn match_twelve_photos(bencher: Bencher<'_, '_>, stage: &str) {
     });
 }
 
-/// One iteration of the adjustment (linearise, eliminate the points, factor, step, new cost) of a spiral with 150 points per photo,
-/// each seen by about seven; twice the photos should take twice the time.
-#[divan::bench(args = [50, 100, 200], sample_count = 10)]
+/// One iteration of the adjustment (order, linearise, eliminate the points, factor, step, new cost) of a spiral with 150 points
+/// per photo, each seen by about seven; ten times the photos should take ten times the time. Items are observations.
+#[divan::bench(args = [50, 230, 2300], sample_count = 10)]
 fn one_adjust_iteration(bencher: Bencher<'_, '_>, photos: usize) {
-    let scene = adjustment::Scene::new(photos);
+    let scene = adjustment::Scene::new(photos, 0.0).adjusted();
     let problem = scene.problem();
-    bencher.bench(|| {
+    bencher.counter(ItemsCount::new(problem.tracks.observations().len())).bench(|| {
         let adjusted = adjust(&problem, &adjustment::WEIGHTS).expect("the priors make the system definite");
         assert_eq!(adjusted.report.iterations, 1, "the scene is at its optimum");
         adjusted
     });
+}
+
+/// A whole adjustment from poses that are 2 cm and half a degree off, all stages of the robust loss included.
+#[divan::bench(args = [50, 230], sample_count = 3)]
+fn whole_adjustment(bencher: Bencher<'_, '_>, photos: usize) {
+    let scene = adjustment::Scene::new(photos, 1.0);
+    let problem = scene.problem();
+    bencher.bench(|| adjust(&problem, &adjustment::WEIGHTS).expect("the priors make the system definite"));
+}
+
+/// The covariance of every pose.
+#[divan::bench(args = [50, 230], sample_count = 3)]
+fn pose_covariances(bencher: Bencher<'_, '_>, photos: usize) {
+    let scene = adjustment::Scene::new(photos, 0.0);
+    let problem = scene.problem();
+    bencher.bench(|| Covariances::at(&problem, &adjustment::WEIGHTS).expect("every pose is determined"));
 }
 
 /// Decoding, exposures and the panorama of twelve photos, files included; items are texels of the panorama.

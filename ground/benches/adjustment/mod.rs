@@ -1,12 +1,12 @@
-//! A noise-free spiral, so that the adjustment starts at its optimum and takes exactly one iteration.
+//! A spiral with noise of a tenth of a pixel; an adjustment that starts at its optimum takes exactly one iteration.
 
 use adit_geometry::camera::{Camera, Distortion};
 use adit_geometry::profile::{Profile, ProfileSpec};
 use adit_geometry::rig::{ImageUp, Rig};
-use adit_ground::adjust::{Loss, Observation, Problem, Shared, SharedSigmas, Tracks, Weights};
+use adit_ground::adjust::{Loss, Observation, Problem, Shared, SharedSigmas, Tracks, Weights, adjust};
 use adit_ground::prior::{TagPrior, prior_poses};
 use adit_protocol::mission::Sigma;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 pub(crate) const WEIGHTS: Weights = Weights { pixel_px: 0.1, loss: Loss::GemanMcClure(3.0), surface_m: 0.05 };
 const STEP_M: f64 = 0.1;
@@ -21,10 +21,12 @@ pub(crate) struct Scene {
     tags: Vec<TagPrior>,
     poses: Vec<Isometry3<f64>>,
     tracks: Tracks,
+    shared: Shared,
 }
 
 impl Scene {
-    pub(crate) fn new(photos: usize) -> Self {
+    /// `off` tells how far the adjustment starts from the truth: 1 is 2 cm and half a degree.
+    pub(crate) fn new(photos: usize, off: f64) -> Self {
         let camera = Camera {
             width_px: 1000,
             height_px: 750,
@@ -52,12 +54,18 @@ impl Scene {
             })
             .collect();
         let poses = prior_poses(&tags, &rig, &profile, 0.02);
-        let mut scene = Self { camera, profile, rig, tags, poses, tracks: Tracks::default() };
+        let shared = Shared::nominal(&camera, &rig);
+        let mut scene = Self { camera, profile, rig, tags, poses, tracks: Tracks::default(), shared };
         scene.add_wall_points();
+        for (photo, pose) in scene.poses.iter_mut().enumerate() {
+            let [a, b, c] = [1.0, 1.7, 2.9].map(|turn| (turn * photo as f64).sin() * off);
+            pose.rotation *= UnitQuaternion::from_scaled_axis(Vector3::new(b, c, a) * 0.009);
+            pose.translation.vector += Vector3::new(a, b, c) * 0.02;
+        }
         scene
     }
 
-    /// Points spread evenly over the wall (golden ratio), with their exact sightings.
+    /// Points spread evenly over the wall (golden ratio), with their sightings.
     fn add_wall_points(&mut self) {
         let length_m = STEP_M * self.tags.len() as f64;
         let count = POINTS_PER_PHOTO * self.tags.len();
@@ -73,7 +81,8 @@ impl Scene {
                 .filter(|(_, pose)| (pose.translation.x - x_m).abs() < REACH_M)
                 .filter_map(|(photo, pose)| {
                     let pixel = self.camera.project(&pose.inverse_transform_point(&position).coords)?;
-                    let pixel_px = [pixel.x as f32, pixel.y as f32];
+                    let noise_px = [12.9898, 78.233].map(|turn| 0.14 * (turn * (index * 7 + photo) as f64).sin());
+                    let pixel_px = [(pixel.x + noise_px[0]) as f32, (pixel.y + noise_px[1]) as f32];
                     self.camera.contains(&pixel, 5.0).then_some(Observation { photo: photo as u32, pixel: pixel_px })
                 })
                 .collect();
@@ -81,6 +90,14 @@ impl Scene {
                 self.tracks.push(position, seen);
             }
         }
+    }
+
+    /// The scene at its optimum.
+    pub(crate) fn adjusted(mut self) -> Self {
+        let adjusted = adjust(&self.problem(), &WEIGHTS).expect("the priors make the system definite");
+        self.tracks.positions_mut().copy_from_slice(&adjusted.points);
+        (self.poses, self.shared) = (adjusted.poses, adjusted.shared);
+        self
     }
 
     pub(crate) fn problem(&self) -> Problem<'_> {
@@ -94,7 +111,7 @@ impl Scene {
             tags: &self.tags,
             poses: &self.poses,
             tracks: &self.tracks,
-            shared: Shared::nominal(&self.camera, &self.rig),
+            shared: self.shared,
             shared_sigmas: SharedSigmas::of_tags(&sigma),
             readout_s: 0.0,
         }

@@ -51,6 +51,8 @@ pub enum Expected {
     Index(&'static str, usize),
     /// A finite number: which, and of which observation, camera or point (from 0), of how many.
     Number(&'static str, usize, usize),
+    /// Nothing more in the line.
+    LineEnd,
     /// Nothing more.
     End,
 }
@@ -61,6 +63,7 @@ impl std::fmt::Display for Expected {
             Self::Count(of) => write!(out, "the number of {of} in the first line"),
             Self::Index(of, count) => write!(out, "the index of a {of}, from 0 to {}", count.saturating_sub(1)),
             Self::Number(of, index, count) => write!(out, "a finite number for {of} {index} of {count}"),
+            Self::LineEnd => write!(out, "the end of the line (do the counts of the first line agree?)"),
             Self::End => write!(out, "the end of the file"),
         }
     }
@@ -100,6 +103,22 @@ impl<'a> Words<'a> {
     fn number(&mut self, of: &'static str, index: usize, count: usize) -> Result<f64, BalError> {
         self.parse(Expected::Number(of, index, count), |value: &f64| value.is_finite())
     }
+
+    fn end_line(&mut self) -> Result<(), BalError> {
+        match self.words.next() {
+            Some(found) => {
+                Err(BalError::Unexpected { line: self.line, found: found.into(), expected: Expected::LineEnd })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// A number that has its line to itself.
+    fn line(&mut self, of: &'static str, index: usize, count: usize) -> Result<f64, BalError> {
+        let value = self.number(of, index, count)?;
+        self.end_line()?;
+        Ok(value)
+    }
 }
 
 /// Reads a problem.
@@ -117,18 +136,20 @@ pub(super) fn parse_bal(text: &str) -> Result<BalProblem, BalError> {
     let most = text.len().min(u32::MAX as usize);
     let mut count = |of| words.parse(Expected::Count(of), |&count: &usize| count <= most);
     let [cameras, points, observations] = [count("cameras")?, count("points")?, count("observations")?];
+    words.end_line()?;
     let mut seen: Vec<Vec<Observation>> = vec![Vec::new(); points];
     for index in 0..observations {
         let photo = words.parse(Expected::Index("camera", cameras), |&camera: &u32| (camera as usize) < cameras)?;
         let point = words.parse(Expected::Index("point", points), |&point: &usize| point < points)?;
         let mut pixel = || Ok(words.number("a pixel of observation", index, observations)? as f32);
         seen[point].push(Observation { photo, pixel: [pixel()?, pixel()?] });
+        words.end_line()?;
     }
     let mut problem = BalProblem { cameras: Vec::with_capacity(cameras), tracks: Tracks::default() };
     for index in 0..cameras {
         let mut values = [0.0; 9];
         for value in &mut values {
-            *value = words.number("camera", index, cameras)?;
+            *value = words.line("camera", index, cameras)?;
         }
         let [a, b, c, x, y, z, focal_px, k1, k2] = values;
         problem.cameras.push(BalCamera {
@@ -139,7 +160,7 @@ pub(super) fn parse_bal(text: &str) -> Result<BalProblem, BalError> {
         });
     }
     for (index, seen) in seen.into_iter().enumerate() {
-        let mut value = || words.number("point", index, points);
+        let mut value = || words.line("point", index, points);
         problem.tracks.push(Point3::new(value()?, value()?, value()?), seen);
     }
     match words.next() {

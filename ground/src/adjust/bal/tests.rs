@@ -82,10 +82,19 @@ fn bad_files_are_refused_by_line_and_expectation() {
         message(&good.replacen("3.5e0", "NaN", 1)),
         "line 2: found \"NaN\", expected a finite number for a pixel of observation 0 of 6"
     );
-    // One observation less than announced: a camera's first number is read as an index.
-    let fewer: String =
-        good.lines().enumerate().filter(|(line, _)| *line != 4).map(|(_, line)| format!("{line}\n")).collect();
-    assert!(message(&fewer).starts_with("line 7: found "), "{}", message(&fewer));
+    // One observation less than announced, and one more.
+    let without = |skipped: usize| -> String {
+        good.lines().enumerate().filter(|(line, _)| *line != skipped).map(|(_, line)| format!("{line}\n")).collect()
+    };
+    let fewer = message(&without(4));
+    assert!(
+        fewer.starts_with("line 7: found ") && fewer.ends_with("expected the index of a camera, from 0 to 1"),
+        "{fewer}"
+    );
+    assert_eq!(
+        message(&good.replacen("2 3 6", "2 3 5", 1)),
+        "line 7: found \"2\", expected the end of the line (do the counts of the first line agree?)"
+    );
     let end = good.trim_end().rfind('\n').unwrap();
     assert_eq!(message(&good[..end]), "the file ends in line 33: expected a finite number for point 2 of 3");
     assert_eq!(message(&format!("{good}7\n")), "line 35: found \"7\", expected the end of the file");

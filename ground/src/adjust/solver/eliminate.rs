@@ -7,6 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::envelope::{Envelope, SLACK};
+use super::kernels::{Share, lower, reduce, update};
 use super::order::{Layout, padded};
 use super::{Model, Sight, State, Weighting};
 use crate::adjust::loss::Loss;
@@ -171,19 +172,6 @@ impl Sums {
     }
 }
 
-/// A point's share of one camera (or of the shared unknowns), ready for the kernels.
-struct Share<const N: usize> {
-    block: usize,
-    /// Derivatives of the two residuals and columns of the coupling with the point, padded for whole vectors.
-    lanes: [[f64; SLACK]; 5],
-    /// For each row what the five lanes are multiplied with.
-    factors: [[f64; 5]; N],
-}
-
-impl<const N: usize> Share<N> {
-    const ZERO: Self = Self { block: 0, lanes: [[0.0; SLACK]; 5], factors: [[0.0; 5]; N] };
-}
-
 /// The point's own equations.
 #[derive(Clone, Copy)]
 pub(super) struct PointSums {
@@ -232,7 +220,7 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
     fn eliminate_point<S: Simd>(&self, simd: S, point: usize, shares: &mut Vec<Share<C>>, sums: &mut Sums) {
         let (estimate, position) = (&self.state.estimate, &self.state.points[point]);
         let mut own = PointSums::ZERO;
-        let mut shared: Share<K> = Share { block: self.chunk.first.len(), ..Share::ZERO };
+        let mut shared: Share<K> = Share::new(self.chunk.first.len());
         shares.clear();
         for seen in self.model.tracks().of(point) {
             let sight = self.model.sight(estimate, position, seen);
@@ -253,10 +241,10 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
                     let slope = prior.by_shared[a];
                     sums.gradient[row + a] += slope * prior.residual;
                     sums.diagonal[row + a] += slope * slope;
-                    shared.lanes[0][a] = slope;
-                    shared.factors[a] = [slope, 0.0, 0.0, 0.0, 0.0];
+                    shared.slopes[0][a] = slope;
+                    shared.weighted[a][0] = slope;
                     for k in 0..3 {
-                        shared.lanes[2 + k][a] += slope * prior.by_point[k];
+                        shared.coupling[k][a] += slope * prior.by_point[k];
                     }
                 }
             }
@@ -269,27 +257,30 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
         }
         reduce(&mut shared, &inverse);
         for (index, share) in shares.iter().enumerate() {
-            let (target, stride) = sums.matrix.corner_mut(share.block, share.block * C);
-            update::<S, 5, C>(simd, target, stride, &share.factors, &share.lanes, C);
+            let own = share.block * C;
+            let (target, stride) = sums.matrix.corner_mut(share.block, own);
+            update(simd, target, stride, &share.weighted, &share.slopes, C);
+            update(simd, target, stride, &share.reduced, &share.coupling, C);
             for other in &shares[..index] {
                 let (target, stride) = sums.matrix.corner_mut(share.block, other.block * C);
-                subtract::<S, C, C>(simd, target, stride, share, other, C);
+                update(simd, target, stride, &share.reduced, &other.coupling, C);
                 if other.block == share.block {
-                    let (target, stride) = sums.matrix.corner_mut(share.block, other.block * C);
-                    subtract::<S, C, C>(simd, target, stride, other, share, C);
+                    // A camera that sees the point twice: the other half of the square.
+                    update(simd, target, stride, &other.reduced, &share.coupling, C);
                 }
             }
-            lower(&mut sums.reduction[share.block * C..][..C], share, &pull);
+            lower(&mut sums.reduction[own..own + C], share, &pull);
             if K > 0 {
-                let (target, stride) = sums.matrix.corner_mut(shared.block, share.block * C);
-                subtract::<S, K, C>(simd, target, stride, &shared, share, C);
+                let (target, stride) = sums.matrix.corner_mut(shared.block, own);
+                update(simd, target, stride, &shared.reduced, &share.coupling, C);
             }
         }
         if K > 0 {
             let row = shared.block * C;
             let (target, stride) = sums.matrix.corner_mut(shared.block, row);
-            update::<S, 5, K>(simd, target, stride, &shared.factors, &shared.lanes, K);
-            lower(&mut sums.reduction[row..][..K], &shared, &pull);
+            update(simd, target, stride, &shared.weighted, &shared.slopes, K);
+            update(simd, target, stride, &shared.reduced, &shared.coupling, K);
+            lower(&mut sums.reduction[row..row + K], &shared, &pull);
         }
     }
 
@@ -311,102 +302,41 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
         let by_point = sight.by_point * weight;
         own.own += by_point.transpose() * sight.by_point;
         own.gradient += by_point.transpose() * sight.residual;
-        let mut share = Share { block, ..Share::ZERO };
+        let mut share = Share::new(block);
         for a in 0..C {
             let slopes = [sight.by_camera[(0, a)], sight.by_camera[(1, a)]];
-            (share.lanes[0][a], share.lanes[1][a]) = (slopes[0], slopes[1]);
-            share.factors[a] = [slopes[0] * weight, slopes[1] * weight, 0.0, 0.0, 0.0];
+            (share.slopes[0][a], share.slopes[1][a]) = (slopes[0], slopes[1]);
+            share.weighted[a] = slopes.map(|slope| slope * weight);
             sums.gradient[block * C + a] += slopes[0] * residual.x + slopes[1] * residual.y;
             sums.diagonal[block * C + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
             for k in 0..3 {
-                share.lanes[2 + k][a] = slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
+                share.coupling[k][a] = slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
             }
         }
         if K > 0 {
             let row = shared.block * C;
             let mut lanes = [[0.0; SLACK]; 2];
-            let mut factors = [[0.0; 2]; K];
+            let mut weighted = [[0.0; 2]; K];
             for a in 0..K {
                 let slopes = [sight.by_shared[(0, a)], sight.by_shared[(1, a)]];
                 (lanes[0][a], lanes[1][a]) = (slopes[0], slopes[1]);
-                factors[a] = slopes.map(|slope| slope * weight);
+                weighted[a] = slopes.map(|slope| slope * weight);
                 sums.gradient[row + a] += slopes[0] * residual.x + slopes[1] * residual.y;
                 sums.diagonal[row + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
                 for k in 0..3 {
-                    shared.lanes[2 + k][a] += slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
+                    shared.coupling[k][a] += slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
                 }
             }
             let (target, stride) = sums.matrix.corner_mut(shared.block, row);
-            update::<S, 2, K>(simd, target, stride, &factors, &lanes, K);
+            update(simd, target, stride, &weighted, &lanes, K);
             let (target, stride) = sums.matrix.corner_mut(shared.block, block * C);
-            update::<S, 2, K>(simd, target, stride, &factors, &[share.lanes[0], share.lanes[1]], C);
+            update(simd, target, stride, &weighted, &share.slopes, C);
         }
         share
     }
 }
 
-/// Multiplies the coupling with the inverse of the point's own curvature, negative.
-#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
-#[inline(always)]
-fn reduce<const N: usize>(share: &mut Share<N>, inverse: &Matrix3<f64>) {
-    for a in 0..N {
-        for k in 0..3 {
-            let sum: f64 = (0..3).map(|l| share.lanes[2 + l][a] * inverse[(l, k)]).sum();
-            share.factors[a][2 + k] = -sum;
-        }
-    }
-}
-
-/// Subtracts the coupling times the point's own step from the gradient.
-fn lower<const N: usize>(gradient: &mut [f64], share: &Share<N>, pull: &Vector3<f64>) {
-    for (a, value) in gradient.iter_mut().enumerate() {
-        *value -= (0..3).map(|k| share.lanes[2 + k][a] * pull[k]).sum::<f64>();
-    }
-}
-
-/// Subtracts what the point couples between two cameras.
-#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
-#[inline(always)]
-fn subtract<S: Simd, const N: usize, const O: usize>(
-    simd: S,
-    target: &mut [f64],
-    stride: usize,
-    rows: &Share<N>,
-    columns: &Share<O>,
-    width: usize,
-) {
-    let factors = rows.factors.each_ref().map(|&[_, _, a, b, c]| [a, b, c]);
-    let [_, _, a, b, c] = columns.lanes;
-    update::<S, 3, N>(simd, target, stride, &factors, &[a, b, c], width);
-}
-
-/// `target[row][column] += sum over r of factors[row][r] * lanes[r][column]`, in whole vectors: lanes beyond `width` are zero.
-#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
-#[inline(always)]
-fn update<S: Simd, const R: usize, const N: usize>(
-    simd: S,
-    target: &mut [f64],
-    stride: usize,
-    factors: &[[f64; R]; N],
-    lanes: &[[f64; SLACK]; R],
-    width: usize,
-) {
-    let vectors = width.div_ceil(S::F64_LANES);
-    for vector in 0..vectors {
-        let start = vector * S::F64_LANES;
-        let columns: [S::f64s; R] =
-            std::array::from_fn(|r| S::as_simd_f64s(&lanes[r][start..start + S::F64_LANES]).0[0]);
-        for (row, factors) in factors.iter().enumerate() {
-            let place = row * stride + start;
-            let sum = &mut S::as_mut_simd_f64s(&mut target[place..place + S::F64_LANES]).0[0];
-            for r in 0..R {
-                *sum = simd.mul_add_e_f64s(simd.splat_f64s(factors[r]), columns[r], *sum);
-            }
-        }
-    }
-}
-
-/// Adds what is said about cameras and shared unknowns alone; returns its cost.
+/// Adds what is said about cameras and shared unknowns alone.
 fn add_priors<M: Model<C, K>, const C: usize, const K: usize>(
     model: &M,
     layout: &Layout,

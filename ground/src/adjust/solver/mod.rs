@@ -12,6 +12,7 @@
 mod cholesky;
 mod eliminate;
 mod envelope;
+mod kernels;
 mod move_points;
 mod order;
 
