@@ -7,6 +7,7 @@
 
 pub mod adjust;
 pub mod evaluate;
+pub mod features;
 mod files;
 pub mod ingest;
 pub mod link;
