@@ -120,8 +120,7 @@ struct Votes {
 
 impl Votes {
     fn new(cells: &[Option<[usize; 2]>], right: usize) -> Self {
-        let mut votes =
-            Self { right, counts: vec![0; CELLS * CELLS * right * right], leaving: vec![0; CELLS * CELLS] };
+        let mut votes = Self { right, counts: vec![0; CELLS * CELLS * right * right], leaving: vec![0; CELLS * CELLS] };
         for &[left, to] in cells.iter().flatten() {
             votes.counts[left * right * right + to] += 1;
             votes.leaving[left] += 1;
@@ -138,7 +137,8 @@ impl Votes {
         if self.leaving[left] == 0 {
             return None;
         }
-        let (best, _) = self.to(left).iter().enumerate().max_by_key(|(index, count)| (**count, std::cmp::Reverse(*index)))?;
+        let (best, _) =
+            self.to(left).iter().enumerate().max_by_key(|(index, count)| (**count, std::cmp::Reverse(*index)))?;
         let (mut score, mut around, mut pairs) = (0, 0, 0);
         for place in 0..AROUND.len() {
             let neighbours = neighbour(left, place, CELLS).zip(neighbour(best, turned(place, turn), self.right));

@@ -7,10 +7,9 @@
 //!   (Lin et al., "RepMatch: Robust Feature Matching and Pose for Reconstructing Modern Cities", ECCV 2016).
 //!
 //! All of them are [`Strategy`], for any [`Descriptor`]. Where tags give rough poses, [`crate::matching`] finds more and
-//! better ones than any of them: see [`compare`].
+//! better ones than any of them: see [`crate::comparison`].
 
 mod bilateral;
-pub mod compare;
 mod gms;
 mod motion;
 mod ratio;
@@ -23,6 +22,7 @@ use nalgebra::{UnitVector3, Vector2};
 pub use gms::Gms;
 pub use ratio::Ratio;
 pub use repmatch::RepMatch;
+pub use verify::Verify;
 
 use crate::features::{Descriptor, Features};
 use crate::two_view::TwoView;

@@ -62,10 +62,8 @@ impl MotionCurves {
             .map(|[at, moved]| ([at.x, at.y], [moved.x - displacement.middle.x, moved.y - displacement.middle.y]))
             .collect();
         let motion = Curve::train(&offsets, [units[0], units[1]], &MOTION)?;
-        let mut errors: Vec<f64> = offsets
-            .iter()
-            .map(|(at, offset)| (Vector2::from(motion.at(at)) - Vector2::from(*offset)).norm())
-            .collect();
+        let mut errors: Vec<f64> =
+            offsets.iter().map(|(at, offset)| (Vector2::from(motion.at(at)) - Vector2::from(*offset)).norm()).collect();
         errors.sort_by(f64::total_cmp);
         // The median length of a two-dimensional normal error is 1.18 of its deviation per axis.
         let spread_px = errors[errors.len() / 2] / 1.18;

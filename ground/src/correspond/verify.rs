@@ -11,21 +11,19 @@ pub struct Verify {
     /// Largest distance from the epipolar line (or, where the camera only turned, from the predicted place), pixels at the
     /// photo's centre.
     pub threshold_px: f64,
-    /// Fewer matches than this prove nothing: five fit any motion, and some more always happen to agree.
-    pub least: usize,
     /// Starts the sampling.
     pub seed: u64,
 }
 
 impl Default for Verify {
-    /// 1.5 px; 15 matches.
+    /// 1.5 px.
     fn default() -> Self {
-        Self { threshold_px: 1.5, least: 15, seed: 1 }
+        Self { threshold_px: 1.5, seed: 1 }
     }
 }
 
 impl Verify {
-    /// Returns the inliers of the best motion; none, and no motion, if they are too few.
+    /// Returns the inliers of the best motion; none, and no motion, if there is none.
     pub(super) fn check<D>(&self, first: &View<D>, second: &View<D>, matches: &[Match]) -> Correspondences {
         let rays: Vec<_> = matches.iter().map(|&[from, to]| [first.ray(from), second.ray(to)]).collect();
         let options = TwoViewOptions {
@@ -33,20 +31,14 @@ impl Verify {
             seed: self.seed,
             ..TwoViewOptions::default()
         };
-        let mut found = Correspondences { tentative: matches.len(), ..Correspondences::default() };
-        let Some(two_view) = estimate(&rays, &options) else { return found };
-        let kept = matches.iter().zip(&two_view.inliers).filter(|(_, inlier)| **inlier).map(|(pair, _)| *pair);
-        found.matches = kept.collect();
-        if found.matches.len() < self.least {
-            found.matches.clear();
-        } else {
-            found.two_view = Some(two_view);
-        }
-        found
+        let two_view = estimate(&rays, &options);
+        let inliers = two_view.as_ref().map_or(&[][..], |two_view| &two_view.inliers);
+        let kept = matches.iter().zip(inliers).filter(|(_, inlier)| **inlier).map(|(pair, _)| *pair).collect();
+        Correspondences { matches: kept, tentative: matches.len(), two_view }
     }
 
     /// The threshold as an angle.
-    pub(super) fn threshold_rad(&self, camera: &Camera<f64>) -> f64 {
+    pub fn threshold_rad(&self, camera: &Camera<f64>) -> f64 {
         self.threshold_px / (0.5 * (camera.focal_px[0] + camera.focal_px[1]))
     }
 }
