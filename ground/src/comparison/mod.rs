@@ -1,6 +1,6 @@
 //! `adit match --compare`: the strategies on the same pairs of photos, judged by the truth.
 //!
-//! The paper's comparison (SURF 31 matches, RepMatch 10,651 on one pair), with what it could not give: how many of the
+//! The paper's comparison (SURF 31 matches, `RepMatch` 10,651 on one pair), with what it could not give: how many of the
 //! matches are right, and how good a relative pose they make. Pairs are of two kinds, those a rotating rig has: successive
 //! photos, and photos one turn apart.
 
@@ -47,7 +47,7 @@ pub enum PairKind {
 pub enum StrategyName {
     /// SIFT, ratio test 0.8, RANSAC.
     Ratio,
-    /// ORB, ratio test 0.8 and cross-check, RANSAC.
+    /// ORB, ratio test 0.8, RANSAC.
     Orb,
     /// ORB, grid-based motion statistics, RANSAC.
     Gms,
@@ -152,7 +152,7 @@ pub fn compare(survey: &Survey, pairs: usize, verbosity: Verbosity) -> Result<Co
     for &(photos, kind) in &chosen {
         let mut add = |strategy, found: Found| results.push(judged(photos, kind, strategy, found, &judge));
         let [first, second] = photos.map(|photo| &views.sift[&photo]);
-        add(StrategyName::Ratio, timed(&Ratio { cross_check: false, ..Ratio::default() }, first, second));
+        add(StrategyName::Ratio, timed(&Ratio::default(), first, second));
         add(StrategyName::Repmatch, timed(&RepMatch::default(), first, second));
         let [first, second] = photos.map(|photo| &views.orb[&photo]);
         add(StrategyName::Orb, timed(&Ratio::default(), first, second));

@@ -4,7 +4,7 @@
 //! - [`Gms`]: nearest neighbours, right or not, that move together with their surroundings (Bian et al., CVPR 2017), then
 //!   RANSAC. A fast filter for many cheap features.
 //! - [`RepMatch`]: RANSAC's inliers train curves of likelihood and motion, by which every near neighbour is judged again
-//!   (Lin et al., "RepMatch: Robust Feature Matching and Pose for Reconstructing Modern Cities", ECCV 2016).
+//!   (Lin et al., "`RepMatch`: Robust Feature Matching and Pose for Reconstructing Modern Cities", ECCV 2016).
 //!
 //! All of them are [`Strategy`], for any [`Descriptor`]. Where tags give rough poses, [`crate::matching`] finds more and
 //! better ones than any of them: see [`crate::comparison`].
@@ -14,6 +14,8 @@ mod gms;
 mod motion;
 mod ratio;
 mod repmatch;
+#[cfg(test)]
+mod tests;
 mod verify;
 
 use adit_geometry::camera::Camera;

@@ -49,7 +49,7 @@ impl MotionCurves {
         if training.len() < 8 {
             return None;
         }
-        let [place, displacement] = [0, 1].map(|index| Spread::of(training.iter().map(|sample| sample[index])));
+        let [place, displacement] = [0, 1].map(|index| Spread::of(&training, index));
         let unit = displacement.deviation.map(|deviation| deviation.max(LEAST_SPREAD_PX));
         let units = [place.deviation.x, place.deviation.y, unit.x, unit.y];
         if units.iter().any(|unit| !(*unit > 0.0)) {
@@ -116,9 +116,10 @@ struct Spread {
 }
 
 impl Spread {
-    fn of(values: impl Iterator<Item = Vector2<f64>> + Clone) -> Self {
+    /// Of the samples' first or second vectors.
+    fn of(samples: &[[Vector2<f64>; 2]], index: usize) -> Self {
         let axis = |axis: usize| {
-            let mut sorted: Vec<f64> = values.clone().map(|value| value[axis]).collect();
+            let mut sorted: Vec<f64> = samples.iter().map(|sample| sample[index][axis]).collect();
             sorted.sort_by(f64::total_cmp);
             let mean = sorted.iter().sum::<f64>() / sorted.len() as f64;
             let variance = sorted.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / sorted.len() as f64;

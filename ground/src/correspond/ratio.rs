@@ -9,8 +9,6 @@ use crate::features::{Descriptor, Neighbour, nearest};
 pub struct Ratio {
     /// Largest ratio of the nearest distance to the second.
     pub ratio: f64,
-    /// Both must be each other's nearest.
-    pub cross_check: bool,
     /// The geometric test.
     pub verify: Verify,
 }
@@ -18,18 +16,14 @@ pub struct Ratio {
 impl Default for Ratio {
     /// Lowe's 0.8.
     fn default() -> Self {
-        Self { ratio: 0.8, cross_check: true, verify: Verify::default() }
+        Self { ratio: 0.8, verify: Verify::default() }
     }
 }
 
 impl<D: Descriptor> Strategy<D> for Ratio {
     fn correspond(&self, first: &View<D>, second: &View<D>) -> Correspondences {
-        let forth = nearest::<2, D>(&first.features.descriptors, &second.features.descriptors);
-        let mut matches = distinct::<D, 2>(&forth, self.ratio);
-        if self.cross_check {
-            let back = nearest::<1, D>(&second.features.descriptors, &first.features.descriptors);
-            matches.retain(|&[from, to]| back[to as usize][0].index == from);
-        }
+        let neighbours = nearest::<2, D>(&first.features.descriptors, &second.features.descriptors);
+        let matches = one_to_one(distinct::<D, 2>(&neighbours, self.ratio), &neighbours);
         self.verify.check(first, second, &matches)
     }
 }
@@ -41,4 +35,11 @@ pub(super) fn distinct<D: Descriptor, const K: usize>(neighbours: &[[Neighbour; 
         best[1].index != u32::MAX && f64::from(best[0].distance) < limit * f64::from(best[1].distance)
     };
     (0..).zip(neighbours).filter(|(_, best)| passes(best)).map(|(from, best)| [from, best[0].index]).collect()
+}
+
+/// Of several features with the same nearest neighbour, the nearest one keeps it.
+pub(super) fn one_to_one<const K: usize>(mut matches: Vec<Match>, neighbours: &[[Neighbour; K]]) -> Vec<Match> {
+    matches.sort_by_key(|&[from, to]| (to, neighbours[from as usize][0].distance, from));
+    matches.dedup_by_key(|pair| pair[1]);
+    matches
 }

@@ -20,7 +20,7 @@ const LEAST_SIDE: usize = 24;
 /// Rows that one task blurs.
 const BAND: usize = 32;
 
-/// The images of one octave. Sample (i, j) lies at pixel ((i, j) * step_px + 0.5).
+/// The images of one octave. Sample `(i, j)` lies at pixel `(i, j) * step_px + 0.5`.
 pub(super) struct Octave {
     /// Pixels of the photo per sample (`delta`).
     pub(super) step_px: f32,

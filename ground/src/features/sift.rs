@@ -24,7 +24,8 @@ pub struct SiftOptions {
     /// Whether descriptors turn with the picture.
     pub orientation: Orientation,
     /// Least difference of Gaussians at an extremum, grey levels. The literature's 3.8 (0.015 of the range) finds nothing
-    /// on bare concrete; noise of a usual photo begins at about 0.5.
+    /// on bare concrete, where 0.4 instead of 0.8 brings six times the features and five times the matches; at 0.25 noise
+    /// begins to answer.
     pub contrast: f32,
     /// Largest ratio of principal curvatures; above it, it is an edge.
     pub edge_ratio: f32,
@@ -37,7 +38,7 @@ pub struct SiftOptions {
 impl Default for SiftOptions {
     /// For a rotating rig's photos of concrete: upright, faint extrema allowed.
     fn default() -> Self {
-        Self { orientation: Orientation::Upright, contrast: 0.8, edge_ratio: 10.0, most: 6000, doubled: true }
+        Self { orientation: Orientation::Upright, contrast: 0.4, edge_ratio: 10.0, most: 6000, doubled: true }
     }
 }
 
@@ -97,8 +98,8 @@ fn extrema(octave: &Octave, usable: &Usable, options: &SiftOptions) -> Vec<Keypo
         let mut found = Vec::new();
         for scale in 1..=SCALES {
             let line = &differences[scale].data[row * width..][..width];
-            for column in 1..width - 1 {
-                if line[column].abs() > least && is_extremum(&differences, [column, row, scale]) {
+            for (column, value) in line.iter().enumerate().take(width - 1).skip(1) {
+                if value.abs() > least && is_extremum(&differences, [column, row, scale]) {
                     found.extend(refined(&differences, [column, row, scale], octave.step_px, options));
                 }
             }
