@@ -23,6 +23,7 @@ pub mod raster;
 pub mod report;
 pub mod survey;
 pub mod texture;
+pub mod two_view;
 
 /// Returns the folder of sample surveys that lies beside the checkout, where there is one.
 #[cfg(test)]
