@@ -35,7 +35,7 @@ const ROUNDS: usize = 5;
 const GROWTH: f64 = 0.02;
 
 /// Distance from the epipolar line that is allowed, in thresholds of the geometric test: the seeds' motion is not exact, and
-/// matches chosen to fit it exactly could never correct it (on the brick sample, errors of the pose three times as large).
+/// matches chosen to fit it exactly could never correct it.
 const LENIENCE: f64 = 2.0;
 
 /// Candidates nearer to each other than this are the same place, pixels.
