@@ -67,7 +67,7 @@ fn pair(page: &mut String, survey: &Survey, photos: [usize; 2], results: &[&Pair
     for result in results {
         let stride = result.matches.len().div_ceil(DRAWN).max(1);
         let (found, correct) = (result.matches.len(), result.correct());
-        let part = if stride > 1 { format!(", every {stride}th drawn") } else { String::new() };
+        let part = if stride > 1 { format!(", one in {stride} drawn") } else { String::new() };
         let _ = writeln!(page, "<h3>{}: {found} matches, {correct} correct{part}</h3>", result.strategy.name());
         let _ = writeln!(page, "<svg viewBox=\"0 0 {} {height}\" stroke-width=\"1.2\">", 2 * width);
         let _ = writeln!(page, "<use href=\"#p{}-{}\"/>", photos[0], photos[0]);
