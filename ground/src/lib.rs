@@ -6,7 +6,10 @@
 #![forbid(unsafe_code)]
 
 pub mod adjust;
+pub mod comparison;
+pub mod correspond;
 pub mod evaluate;
+pub mod features;
 mod files;
 pub mod ingest;
 pub mod link;
@@ -20,6 +23,7 @@ pub mod raster;
 pub mod report;
 pub mod survey;
 pub mod texture;
+pub mod two_view;
 
 /// Returns the folder of sample surveys that lies beside the checkout, where there is one.
 #[cfg(test)]
