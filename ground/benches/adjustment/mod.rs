@@ -45,7 +45,6 @@ impl Scene {
         let tags: Vec<TagPrior> = (0..photos)
             .map(|photo| TagPrior {
                 shaft_rad: (36.0 * photo as f64).to_radians(),
-                rotation_sigma_rad: [0.024, 0.017, 0.017],
                 attitude_rad: None,
                 beams: Vec::new(),
                 range_head_m: None,
