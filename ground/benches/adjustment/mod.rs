@@ -1,4 +1,4 @@
-//! A spiral with noise of a tenth of a pixel; an adjustment that starts at its optimum takes exactly one iteration.
+//! A spiral with noise of a twentieth of a pixel; an adjustment that starts at its optimum takes exactly one iteration.
 
 use adit_geometry::camera::{Camera, Distortion};
 use adit_geometry::profile::{Profile, ProfileSpec};
@@ -80,7 +80,7 @@ impl Scene {
                 .filter(|(_, pose)| (pose.translation.x - x_m).abs() < REACH_M)
                 .filter_map(|(photo, pose)| {
                     let pixel = self.camera.project(&pose.inverse_transform_point(&position).coords)?;
-                    let noise_px = [12.9898, 78.233].map(|turn| 0.14 * (turn * (index * 7 + photo) as f64).sin());
+                    let noise_px = [12.9898, 78.233].map(|turn| 0.07 * (turn * (index * 7 + photo) as f64).sin());
                     let pixel_px = [(pixel.x + noise_px[0]) as f32, (pixel.y + noise_px[1]) as f32];
                     self.camera.contains(&pixel, 5.0).then_some(Observation { photo: photo as u32, pixel: pixel_px })
                 })

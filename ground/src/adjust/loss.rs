@@ -56,8 +56,8 @@ impl Loss {
         }
     }
 
-    /// Tells whether a squared residual is believed to be noise, not a wrong match: its weight is at least a quarter (Geman-
-    /// McClure: it lies within `k`).
+    /// Tells whether a squared residual is believed to be noise, not a wrong match: its weight is at least a quarter (which for
+    /// [`Self::GemanMcClure`] means that it lies within `k`).
     pub fn believes(self, squared: f64) -> bool {
         self.at(squared).1 >= 0.25
     }

@@ -84,12 +84,11 @@ impl Spec {
         };
         let (camera, rig, profile) = (camera(), rig(), self.shape.build().unwrap());
         let mut shared = Shared::nominal(&camera, &rig);
-        match self.shared {
-            Some(set) => set(&mut shared),
-            None => {
-                shared.mount_rotvec = Vector3::from_fn(|_, _| noise(SIGMA.mount_rad));
-                shared.odometer_scale = noise(SIGMA.odometer_m_per_m);
-            }
+        if let Some(set) = self.shared {
+            set(&mut shared);
+        } else {
+            shared.mount_rotvec = Vector3::from_fn(|_, _| noise(SIGMA.mount_rad));
+            shared.odometer_scale = noise(SIGMA.odometer_m_per_m);
         }
         let mounted = Rig {
             lever_radial_m: shared.lever_m[0],

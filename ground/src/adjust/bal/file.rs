@@ -72,22 +72,22 @@ impl std::fmt::Display for Expected {
 /// Numbers of a text with the lines that they stand in.
 struct Words<'a> {
     lines: std::iter::Enumerate<std::str::Lines<'a>>,
-    words: SplitAsciiWhitespace<'a>,
+    rest: SplitAsciiWhitespace<'a>,
     line: usize,
 }
 
 impl<'a> Words<'a> {
     fn new(text: &'a str) -> Self {
-        Self { lines: text.lines().enumerate(), words: "".split_ascii_whitespace(), line: 0 }
+        Self { lines: text.lines().enumerate(), rest: "".split_ascii_whitespace(), line: 0 }
     }
 
     fn next(&mut self) -> Option<&'a str> {
         loop {
-            if let Some(word) = self.words.next() {
+            if let Some(word) = self.rest.next() {
                 return Some(word);
             }
             let (index, line) = self.lines.next()?;
-            (self.line, self.words) = (index + 1, line.split_ascii_whitespace());
+            (self.line, self.rest) = (index + 1, line.split_ascii_whitespace());
         }
     }
 
@@ -105,7 +105,7 @@ impl<'a> Words<'a> {
     }
 
     fn end_line(&mut self) -> Result<(), BalError> {
-        match self.words.next() {
+        match self.rest.next() {
             Some(found) => {
                 Err(BalError::Unexpected { line: self.line, found: found.into(), expected: Expected::LineEnd })
             }

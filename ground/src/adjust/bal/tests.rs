@@ -84,7 +84,8 @@ fn bad_files_are_refused_by_line_and_expectation() {
     );
     // One observation less than announced, and one more.
     let without = |skipped: usize| -> String {
-        good.lines().enumerate().filter(|(line, _)| *line != skipped).map(|(_, line)| format!("{line}\n")).collect()
+        let lines = good.lines().enumerate().filter(|(line, _)| *line != skipped);
+        lines.map(|(_, line)| line).collect::<Vec<_>>().join("\n")
     };
     let fewer = message(&without(4));
     assert!(

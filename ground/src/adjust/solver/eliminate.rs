@@ -228,7 +228,7 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
             sums.cost += cost;
             if let Some(sight) = sight {
                 let block = self.layout.position(seen.photo as usize) - self.chunk.low;
-                shares.push(self.linearised(simd, block, &sight, weight, &mut own, &mut shared, sums));
+                shares.push(linearised(simd, block, &sight, weight, &mut own, &mut shared, sums));
             }
         }
         if let Some(prior) = self.model.point_prior(estimate, position) {
@@ -283,57 +283,55 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
             lower(&mut sums.reduction[row..row + K], &shared, &pull);
         }
     }
+}
 
-    /// Adds one observation to the sums, and returns its camera's share of the point.
-    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
-    #[expect(clippy::too_many_arguments, reason = "three sums at once, so that nothing is stored between")]
-    #[inline(always)]
-    fn linearised<S: Simd>(
-        &self,
-        simd: S,
-        block: usize,
-        sight: &Sight<C, K>,
-        weight: f64,
-        own: &mut PointSums,
-        shared: &mut Share<K>,
-        sums: &mut Sums,
-    ) -> Share<C> {
-        let residual = sight.residual * weight;
-        let by_point = sight.by_point * weight;
-        own.own += by_point.transpose() * sight.by_point;
-        own.gradient += by_point.transpose() * sight.residual;
-        let mut share = Share::new(block);
-        for a in 0..C {
-            let slopes = [sight.by_camera[(0, a)], sight.by_camera[(1, a)]];
-            (share.slopes[0][a], share.slopes[1][a]) = (slopes[0], slopes[1]);
-            share.weighted[a] = slopes.map(|slope| slope * weight);
-            sums.gradient[block * C + a] += slopes[0] * residual.x + slopes[1] * residual.y;
-            sums.diagonal[block * C + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
-            for k in 0..3 {
-                share.coupling[k][a] = slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
-            }
+/// Adds one observation to the sums, and returns its camera's share of the point.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn linearised<S: Simd, const C: usize, const K: usize>(
+    simd: S,
+    block: usize,
+    sight: &Sight<C, K>,
+    weight: f64,
+    own: &mut PointSums,
+    shared: &mut Share<K>,
+    sums: &mut Sums,
+) -> Share<C> {
+    let residual = sight.residual * weight;
+    let by_point = sight.by_point * weight;
+    own.own += by_point.transpose() * sight.by_point;
+    own.gradient += by_point.transpose() * sight.residual;
+    let mut share = Share::new(block);
+    for a in 0..C {
+        let slopes = [sight.by_camera[(0, a)], sight.by_camera[(1, a)]];
+        (share.slopes[0][a], share.slopes[1][a]) = (slopes[0], slopes[1]);
+        share.weighted[a] = slopes.map(|slope| slope * weight);
+        sums.gradient[block * C + a] += slopes[0] * residual.x + slopes[1] * residual.y;
+        sums.diagonal[block * C + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
+        for k in 0..3 {
+            share.coupling[k][a] = slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
         }
-        if K > 0 {
-            let row = shared.block * C;
-            let mut lanes = [[0.0; SLACK]; 2];
-            let mut weighted = [[0.0; 2]; K];
-            for a in 0..K {
-                let slopes = [sight.by_shared[(0, a)], sight.by_shared[(1, a)]];
-                (lanes[0][a], lanes[1][a]) = (slopes[0], slopes[1]);
-                weighted[a] = slopes.map(|slope| slope * weight);
-                sums.gradient[row + a] += slopes[0] * residual.x + slopes[1] * residual.y;
-                sums.diagonal[row + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
-                for k in 0..3 {
-                    shared.coupling[k][a] += slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
-                }
-            }
-            let (target, stride) = sums.matrix.corner_mut(shared.block, row);
-            update(simd, target, stride, &weighted, &lanes, K);
-            let (target, stride) = sums.matrix.corner_mut(shared.block, block * C);
-            update(simd, target, stride, &weighted, &share.slopes, C);
-        }
-        share
     }
+    if K > 0 {
+        let row = shared.block * C;
+        let mut lanes = [[0.0; SLACK]; 2];
+        let mut weighted = [[0.0; 2]; K];
+        for a in 0..K {
+            let slopes = [sight.by_shared[(0, a)], sight.by_shared[(1, a)]];
+            (lanes[0][a], lanes[1][a]) = (slopes[0], slopes[1]);
+            weighted[a] = slopes.map(|slope| slope * weight);
+            sums.gradient[row + a] += slopes[0] * residual.x + slopes[1] * residual.y;
+            sums.diagonal[row + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
+            for k in 0..3 {
+                shared.coupling[k][a] += slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
+            }
+        }
+        let (target, stride) = sums.matrix.corner_mut(shared.block, row);
+        update(simd, target, stride, &weighted, &lanes, K);
+        let (target, stride) = sums.matrix.corner_mut(shared.block, block * C);
+        update(simd, target, stride, &weighted, &share.slopes, C);
+    }
+    share
 }
 
 /// Adds what is said about cameras and shared unknowns alone.

@@ -106,7 +106,6 @@ pub(super) fn step<M: Model<C, K>, const C: usize, const K: usize>(
 }
 
 /// The point's own equations with the cameras' step on their right side, and its gradient without.
-#[expect(clippy::too_many_arguments, reason = "the inner loop of the pass: a struct would only be taken apart again")]
 fn point_sums<M: Model<C, K>, const C: usize, const K: usize>(
     model: &M,
     weighting: &Weighting,
