@@ -8,6 +8,7 @@ mod textured;
 mod adjustment;
 
 use adit_ground::adjust::adjust;
+use adit_ground::features::{OrbOptions, Orientation, SiftOptions, nearest, orb, sift};
 use adit_ground::matching::{MatchConfig, match_round};
 use adit_ground::texture::{self, TextureOptions};
 use divan::Bencher;
@@ -28,6 +29,40 @@ fn match_twelve_photos(bencher: Bencher<'_, '_>, stage: &str) {
         (MatchConfig::fine(native_m), sample.perturbed(0.002, 0.001, 7))
     };
     bencher.bench(|| match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), &config, &|_| ()));
+}
+
+/// Detecting and describing one photo of 1000 x 750; the count says how many features came of it.
+#[divan::bench(args = ["sift", "sift free", "sift native", "orb"], sample_count = 10)]
+fn features_of_one_photo(bencher: Bencher<'_, '_>, class: &str) {
+    let Some(sample) = support::load("cylinder-brick-spiral", 1) else { return };
+    let (grey, mask) = (&*sample.photos[0].grey, sample.photos[0].mask.as_deref());
+    let upright = SiftOptions::default();
+    let options = match class {
+        "sift free" => SiftOptions { orientation: Orientation::Free, ..upright },
+        "sift native" => SiftOptions { doubled: false, ..upright },
+        _ => upright,
+    };
+    let count = || match class {
+        "orb" => orb(grey, mask, &OrbOptions::default()).keypoints.len(),
+        _ => sift(grey, mask, &options).keypoints.len(),
+    };
+    bencher.counter(ItemsCount::new(count())).bench(count);
+}
+
+/// Two nearest neighbours of every feature of one photo in another; items are comparisons.
+#[divan::bench(args = ["sift", "orb"], sample_count = 10)]
+fn nearest_neighbours(bencher: Bencher<'_, '_>, class: &str) {
+    let Some(sample) = support::load("cylinder-brick-spiral", 2) else { return };
+    let photos = sample.photos.iter().map(|photo| &*photo.grey);
+    if class == "orb" {
+        let found: Vec<_> = photos.map(|grey| orb(grey, None, &OrbOptions::default()).descriptors).collect();
+        let bencher = bencher.counter(ItemsCount::new(found[0].len() * found[1].len()));
+        bencher.bench(|| nearest::<2, _>(&found[0], &found[1]));
+    } else {
+        let found: Vec<_> = photos.map(|grey| sift(grey, None, &SiftOptions::default()).descriptors).collect();
+        let bencher = bencher.counter(ItemsCount::new(found[0].len() * found[1].len()));
+        bencher.bench(|| nearest::<2, _>(&found[0], &found[1]));
+    }
 }
 
 /// One iteration of the adjustment (linearise, eliminate the points, factor, step, new cost) of a spiral with 150 points per photo,

@@ -6,7 +6,10 @@
 #![forbid(unsafe_code)]
 
 pub mod adjust;
+pub mod comparison;
+pub mod correspond;
 pub mod evaluate;
+pub mod features;
 mod files;
 pub mod ingest;
 pub mod link;

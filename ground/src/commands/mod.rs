@@ -3,6 +3,7 @@
 mod board;
 mod evaluate;
 mod ingest;
+mod match_photos;
 mod plan;
 mod reconstruct;
 
@@ -58,6 +59,7 @@ enum Command {
     Ingest(ingest::Arguments),
     Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
+    Match(match_photos::Arguments),
     Board(board::Arguments),
 }
 
@@ -68,6 +70,7 @@ impl Cli {
             Command::Ingest(arguments) => ingest::run(&arguments, &self.common),
             Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),
+            Command::Match(arguments) => match_photos::run(&arguments, &self.common),
             Command::Board(arguments) => board::run(&arguments, &self.common),
         }
     }
