@@ -78,7 +78,7 @@ pub fn place(graph: &ViewGraph, profile: &Profile<f64>, rig: &Rig<f64>) -> Resul
 }
 
 /// Whether the section looks the same from its axis all around.
-fn is_round(profile: &Profile<f64>) -> bool {
+pub(super) fn is_round(profile: &Profile<f64>) -> bool {
     let distances: Vec<f64> = (0..24)
         .filter_map(|i| {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / 24.0).sin_cos();

@@ -1,6 +1,6 @@
 //! Prior poses without tags: from the photos' order, the photos per turn and the known section alone.
 //!
-//! Order of work: [`view_graph`] matches each photo with the next and with those a turn on, and turns what it measures
+//! [`survey_poses`] does it all. Order of work: [`view_graph`] matches each photo with the next and with those a turn on, and turns what it measures
 //! into shaft angles; [`place`] fits all poses at once to the known wall.
 //!
 //! # Model
@@ -22,6 +22,7 @@
 mod band;
 mod fit;
 mod graph;
+mod survey;
 #[cfg(test)]
 mod tests;
 
@@ -35,6 +36,7 @@ use crate::prior::TagPrior;
 
 pub use fit::place;
 pub use graph::{Link, ViewGraph, view_graph};
+pub use survey::{Matcher, Untagged, survey_poses};
 
 /// Why photos cannot be placed without tags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -10,6 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
+use super::fit::is_round;
 use super::*;
 use crate::two_view::{TwoViewOptions, estimate};
 
@@ -237,5 +238,38 @@ fn the_tag_of_a_placed_photo_gives_its_pose_back() {
         assert!(back.angle_to(&truth.rotation) < 1e-9);
         let x_m = (tag.tunnel_from_body_rotation() * rig().body_from_cam(tag.shaft_rad).translation.vector).x;
         assert!((tag.odometer_m.unwrap() + x_m - truth.translation.x).abs() < 1e-9);
+    }
+}
+
+/// Two turns of each sample, without a look at the tags.
+#[test]
+fn photos_of_the_samples_are_placed_within_two_degrees_and_five_centimetres() {
+    let Some(samples) = crate::samples_folder() else {
+        eprintln!("skipped: no shared/samples above this crate");
+        return;
+    };
+    for (name, matcher) in [
+        ("cylinder-brick-spiral", Matcher::RepMatch),
+        ("cylinder-concrete-spiral", Matcher::Ratio),
+        ("underpass-spiral", Matcher::Ratio),
+    ] {
+        let mut survey = crate::survey::load(&samples.join(name)).unwrap();
+        survey.photos.truncate(22);
+        let profile = survey.config.profile.build().unwrap();
+        let found = survey_poses(&survey, &profile, matcher).unwrap();
+        assert!(found.losses.is_empty(), "{name}: {:?}", found.losses);
+        let truth: Vec<Isometry3<f64>> = crate::poses::read_poses(&samples.join(name).join("truth/poses.csv"))
+            .unwrap()
+            .iter()
+            .take(22)
+            .map(|pose| pose.tunnel_from_cam)
+            .collect();
+        for (position_m, rotation_rad, photo) in errors(&truth, &found.photos, is_round(&profile)) {
+            let rotation_deg = rotation_rad.to_degrees();
+            assert!(
+                position_m < 0.05 && rotation_deg < 2.0,
+                "{name}, photo {photo}: off by {position_m} m and {rotation_deg} degrees"
+            );
+        }
     }
 }
