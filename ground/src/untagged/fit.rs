@@ -1,6 +1,6 @@
 //! All poses at once, from matches and the known wall.
 //!
-//! Gauss-Newton with graduated non-convexity: matches are weighted by Geman & McClure's loss whose scale shrinks from the
+//! Gauss-Newton with graduated non-convexity: matches are weighted by a Geman-McClure loss whose scale shrinks from the
 //! start's error to a few pixels. Unknowns per photo as in the adjustment: a rotation on the right (camera axes), then a
 //! shift of the optical centre (tunnel axes).
 
@@ -399,11 +399,11 @@ mod tests {
             miss(&profile, [&poses[0], &poses[1]], &pair).unwrap()
         };
         let analytic = moved(0, SVector::zeros()).by_pose;
-        for photo in 0..2 {
+        for (photo, by_pose) in analytic.iter().enumerate() {
             for unknown in 0..UNKNOWNS {
                 let at = |size: f64| moved(photo, SVector::ith(unknown, size)).error;
                 let difference = (at(1e-6) - at(-1e-6)) / 2e-6;
-                let column = analytic[photo].column(unknown);
+                let column = by_pose.column(unknown);
                 assert!((difference - column).norm() < 1e-6, "photo {photo} unknown {unknown}: {difference} {column}");
             }
         }

@@ -46,7 +46,7 @@ struct Flight {
 }
 
 impl Flight {
-    fn new(spec: ProfileSpec<f64>, photos: usize, first_rad: f64, seed: u64) -> Self {
+    fn new(spec: &ProfileSpec<f64>, photos: usize, first_rad: f64, seed: u64) -> Self {
         let mut flight = Self { profile: spec.build().unwrap(), truth: Vec::new(), seed };
         flight.fly((0..photos).map(|i| (i as f64 * 0.1, first_rad + i as f64 * TAU / 10.0)));
         flight
@@ -149,7 +149,7 @@ fn errors(truth: &[Isometry3<f64>], placed: &[PlacedPhoto], round: bool) -> Vec<
 #[test]
 fn a_flight_through_a_round_tunnel_is_placed_within_two_degrees_and_five_centimetres() {
     for seed in 0..3 {
-        let flight = Flight::new(CIRCLE, 40, 1.0, seed);
+        let flight = Flight::new(&CIRCLE, 40, 1.0, seed);
         let placed = flight.place();
         assert!(placed.iter().all(|photo| photo.placed), "seed {seed}");
         let [position_m, rotation_deg] = flight.worst(&placed, true);
@@ -160,7 +160,7 @@ fn a_flight_through_a_round_tunnel_is_placed_within_two_degrees_and_five_centime
 #[test]
 fn in_an_underpass_the_starting_angle_is_found_as_well() {
     for (seed, first_rad) in [(0, 0.0), (1, 2.0), (2, 4.5)] {
-        let flight = Flight::new(UNDERPASS, 30, first_rad, seed);
+        let flight = Flight::new(&UNDERPASS, 30, first_rad, seed);
         let placed = flight.place();
         let [position_m, rotation_deg] = flight.worst(&placed, false);
         assert!(position_m < 0.03 && rotation_deg < 1.0, "seed {seed}: {position_m} m, {rotation_deg} degrees");
@@ -169,7 +169,7 @@ fn in_an_underpass_the_starting_angle_is_found_as_well() {
 
 #[test]
 fn a_shaft_that_turns_the_other_way_and_a_vehicle_that_flies_backwards_are_placed() {
-    let mut flight = Flight::new(CIRCLE, 0, 0.0, 5);
+    let mut flight = Flight::new(&CIRCLE, 0, 0.0, 5);
     flight.fly((0..30).map(|i| (-0.08 * f64::from(i), -f64::from(i) * TAU / 10.0)));
     let placed = flight.place();
     let [position_m, rotation_deg] = flight.worst(&placed, true);
@@ -178,7 +178,7 @@ fn a_shaft_that_turns_the_other_way_and_a_vehicle_that_flies_backwards_are_place
 
 #[test]
 fn a_missed_photo_is_noticed_by_the_turn_between_its_neighbours() {
-    let mut flight = Flight::new(CIRCLE, 0, 0.0, 6);
+    let mut flight = Flight::new(&CIRCLE, 0, 0.0, 6);
     flight.fly((0..31).filter(|i| *i != 14).map(|i| (0.1 * f64::from(i), f64::from(i) * TAU / 10.0)));
     let placed = flight.place();
     let [position_m, rotation_deg] = flight.worst(&placed, true);
@@ -187,7 +187,7 @@ fn a_missed_photo_is_noticed_by_the_turn_between_its_neighbours() {
 
 #[test]
 fn a_vehicle_that_stands_is_placed_by_the_turn_of_its_camera_alone() {
-    let mut flight = Flight::new(UNDERPASS, 0, 0.0, 7);
+    let mut flight = Flight::new(&UNDERPASS, 0, 0.0, 7);
     flight.fly((0..20).map(|i| (0.0, f64::from(i) * TAU / 10.0)));
     let placed = flight.place();
     let [position_m, rotation_deg] = flight.worst(&placed, false);
@@ -196,7 +196,7 @@ fn a_vehicle_that_stands_is_placed_by_the_turn_of_its_camera_alone() {
 
 #[test]
 fn a_photo_without_a_match_is_interpolated_with_a_wide_sigma() {
-    let flight = Flight::new(CIRCLE, 30, 0.0, 8);
+    let flight = Flight::new(&CIRCLE, 30, 0.0, 8);
     let blind = 12;
     let graph = view_graph(30, &rig(), |pair| if pair.contains(&blind) { None } else { flight.link(pair) }).unwrap();
     let placed = place(&graph, &flight.profile, &rig()).unwrap();
@@ -224,7 +224,7 @@ fn photos_that_match_nothing_are_an_error_that_says_what_was_expected() {
 
 #[test]
 fn the_tag_of_a_placed_photo_gives_its_pose_back() {
-    let flight = Flight::new(CIRCLE, 12, 0.7, 9);
+    let flight = Flight::new(&CIRCLE, 12, 0.7, 9);
     for truth in &flight.truth {
         let placed = PlacedPhoto {
             tunnel_from_cam: *truth,
