@@ -22,6 +22,7 @@
 mod band;
 mod fit;
 mod graph;
+mod miss;
 mod survey;
 #[cfg(test)]
 mod tests;
