@@ -56,7 +56,7 @@ fn tangents(ray: &UnitVector3<f64>) -> SMatrix<f64, 2, 3> {
 #[cfg(test)]
 mod tests {
     use adit_geometry::profile::ProfileSpec;
-    use adit_geometry::rig::ImageUp;
+    use adit_geometry::rig::{ImageUp, Rig};
     use nalgebra::{SVector, UnitQuaternion};
 
     use super::*;
