@@ -24,6 +24,7 @@ pub mod report;
 pub mod survey;
 pub mod texture;
 pub mod two_view;
+pub mod untagged;
 
 /// Returns the folder of sample surveys that lies beside the checkout, where there is one.
 #[cfg(test)]

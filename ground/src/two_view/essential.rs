@@ -28,7 +28,7 @@ pub(super) fn sampson_rad(essential: &Matrix3<f64>, [first, second]: &[UnitVecto
 /// Hartley & Zisserman, "Multiple View Geometry", 2nd edition, result 9.19.
 pub(super) fn decompose<'a>(
     essential: &Matrix3<f64>,
-    rays: impl Iterator<Item = &'a [UnitVector3<f64>; 2]> + Clone,
+    rays: &(impl Iterator<Item = &'a [UnitVector3<f64>; 2]> + Clone),
 ) -> Option<Isometry3<f64>> {
     let svd = essential.try_svd(true, true, f64::EPSILON, 100)?;
     let (mut u, mut v_t) = (svd.u?, svd.v_t?);

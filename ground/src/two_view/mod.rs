@@ -175,7 +175,7 @@ fn general_motion(
             let Some(cost) = cost_below(&essential, rays, limit, best_raw_cost) else { continue };
             best_raw_cost = cost;
             let inliers = rays.iter().filter(|pair| sampson_rad(&essential, pair).powi(2) < limit);
-            let Some(pose) = decompose(&essential, inliers) else { continue };
+            let Some(pose) = decompose(&essential, &inliers) else { continue };
             let refined = refine(&pose, rays, options.threshold_rad, LOCAL_STEPS);
             let cost = truncated_cost(&essential_of(&refined), rays, options.threshold_rad);
             if cost >= best_cost {
@@ -188,7 +188,7 @@ fn general_motion(
     }
     // The local optimisation may have passed through a direction where depths change sign: decided anew.
     let essential = essential_of(&best?);
-    let pose = decompose(&essential, rays.iter().filter(|pair| sampson_rad(&essential, pair).powi(2) < limit))?;
+    let pose = decompose(&essential, &rays.iter().filter(|pair| sampson_rad(&essential, pair).powi(2) < limit))?;
     Some(refine(&pose, rays, options.threshold_rad, FINAL_STEPS))
 }
 
