@@ -52,12 +52,18 @@ pub enum SurveyError {
         /// Its number of rows.
         rows: usize,
     },
+    /// There is neither tags.csv nor a photo.
+    #[error("{}: no JPEG below it, and no tags.csv that would name one", folder.display())]
+    NoPhotos {
+        /// The folder `photos/`.
+        folder: PathBuf,
+    },
     /// Not a single photo can be used.
-    #[error("{}: none of the {tags} photos named in tags.csv can be used; the first: {first_what}: {first_why}", folder.display())]
+    #[error("{}: none of the {tags} photos can be used; the first: {first_what}: {first_why}", folder.display())]
     NoUsablePhoto {
         /// The folder `photos/`.
         folder: PathBuf,
-        /// Rows of tags.csv.
+        /// Photos that tags.csv names, or that are there.
         tags: usize,
         /// The first loss.
         first_what: String,

@@ -8,12 +8,14 @@ use rayon::prelude::*;
 
 use super::masks::{Masks, check_mask};
 use super::photos::{FoundPhoto, Lookup, PhotoIndex, find_files, find_photos};
+use super::tags::{Claim, read_names};
 use super::{Loss, Photo, PhotoError, Size, Survey, SurveyError, TagColumn, TagFault, TagRow, TagsError};
 use super::{probe, read_tags};
 
 /// Reads and checks a survey folder (survey.toml, tags.csv, photos/, masks/), without decoding any photo.
 ///
-/// Photos come in order of capture. Rows out of order, tags without photo, photos without tag, photos that are missing,
+/// Photos come in order of capture: that of tags.csv. Where there is no tags.csv, or one that names photos and measures
+/// nothing, they come untagged, in order of their names or of the rows. Rows out of order, tags without photo, photos without tag, photos that are missing,
 /// truncated or no JPEG end up in [`Survey::losses`].
 ///
 /// # Errors
@@ -22,11 +24,17 @@ use super::{probe, read_tags};
 pub fn load(folder: &Path) -> Result<Survey, SurveyError> {
     let config = load_config(&folder.join("survey.toml"))?;
     let tags_path = folder.join("tags.csv");
-    let mut rows = read_tags(&tags_path)?;
     let mut losses = Vec::new();
-    sort_rows(&mut rows, &mut losses);
     let photos_folder = folder.join("photos");
-    let photos = pair(rows, &photos_folder, &tags_path, &mut losses)?;
+    let photos = if let Ok(false) = fs::exists(&tags_path) {
+        untagged(&photos_folder)?
+    } else if let Some(claims) = read_names(&tags_path)? {
+        pair(claims, &photos_folder, &tags_path, &mut losses)?
+    } else {
+        let mut rows = read_tags(&tags_path)?;
+        sort_rows(&mut rows, &mut losses);
+        pair(rows.into_iter().map(Claim::from).collect(), &photos_folder, &tags_path, &mut losses)?
+    };
     let size = Size { width_px: config.camera.camera.width_px, height_px: config.camera.camera.height_px };
     let tags = photos.len();
     let photos = keep_whole(photos, size, &mut losses)?;
@@ -41,6 +49,16 @@ pub fn load(folder: &Path) -> Result<Survey, SurveyError> {
     }
     let photos = add_masks(photos, folder, size, &mut losses)?;
     Ok(Survey { folder: folder.to_owned(), config, photos, losses })
+}
+
+/// Every photo, in order of its name, which is a camera's order of capture.
+fn untagged(photos_folder: &Path) -> Result<Vec<Photo>, SurveyError> {
+    let found =
+        find_photos(photos_folder).map_err(|source| SurveyError::Io { path: photos_folder.to_owned(), source })?;
+    if found.is_empty() {
+        return Err(SurveyError::NoPhotos { folder: photos_folder.to_owned() });
+    }
+    Ok(found.into_iter().map(|photo| Photo { name: photo.name, path: photo.path, mask: None, tag: None }).collect())
 }
 
 fn load_config(path: &Path) -> Result<SurveyConfig, SurveyError> {
@@ -71,7 +89,7 @@ fn sort_rows(rows: &mut [TagRow], losses: &mut Vec<Loss>) {
 
 /// Gives every row its photo.
 fn pair(
-    rows: Vec<TagRow>,
+    rows: Vec<Claim>,
     photos_folder: &Path,
     tags_path: &Path,
     losses: &mut Vec<Loss>,
@@ -84,7 +102,7 @@ fn pair(
     let mut index = PhotoIndex::new(found);
     let (mut photos, mut faults) = (Vec::new(), Vec::new());
     for row in rows {
-        let capture = row.tag.capture;
+        let capture = row.capture;
         let Some(name) = row.photo else {
             losses.push(Loss::new(format!("tags.csv:{}", row.line), format!("capture {capture} has no photo")));
             continue;
@@ -95,7 +113,7 @@ fn pair(
         match index.take(&name) {
             Lookup::Found(i) => {
                 let photo = index.photo(i).clone();
-                photos.push(Photo { name: photo.name, path: photo.path, mask: None, tag: Some(row.tag) });
+                photos.push(Photo { name: photo.name, path: photo.path, mask: None, tag: row.tag });
             }
             Lookup::Missing => losses.push(Loss::new(
                 format!("photos/{name}"),
@@ -342,6 +360,40 @@ mount_deg = 1.0
         assert!(folder.error().contains("tags.csv: no captures"), "{}", folder.error());
         folder.tags("");
         assert!(folder.error().contains("tags.csv: no captures"), "{}", folder.error());
+    }
+
+    #[test]
+    fn without_tags_csv_every_photo_takes_part_untagged_in_order_of_its_name() {
+        let folder = Folder::new();
+        fs::remove_file(folder.path("tags.csv")).unwrap();
+        folder.write("photos/G10.JPG", b"no photo");
+        let photos = folder.load().photos;
+        let tagged: Vec<(&str, bool)> = photos.iter().map(|photo| (&*photo.name, photo.tag.is_some())).collect();
+        assert_eq!(tagged, [("G1.JPG", false), ("G2.JPG", false), ("G3.JPG", false), ("G4.JPG", false)]);
+        assert!(folder.losses()[0].starts_with("photos/G10.JPG: not a JPEG"), "{:?}", folder.losses());
+    }
+
+    #[test]
+    fn rows_that_only_name_photos_keep_their_order_and_leave_the_photos_untagged() {
+        let folder = Folder::new();
+        let bare = |capture: u32, photo: &str| format!("{capture},{photo}{}\n", ",".repeat(17));
+        folder.tags(&[bare(1, "G3.JPG"), bare(2, "G1.JPG")].concat());
+        let photos = folder.load().photos;
+        let tagged: Vec<(&str, bool)> = photos.iter().map(|photo| (&*photo.name, photo.tag.is_some())).collect();
+        assert_eq!(&tagged[..2], [("G3.JPG", false), ("G1.JPG", false)]);
+        // Beside rows that measure something, a row without a shaft angle is a fault as ever.
+        folder.tags(&[row(1, "G3.JPG"), bare(2, "G1.JPG")].concat());
+        assert!(folder.error().contains("tags.csv:3: column `state`"), "{}", folder.error());
+    }
+
+    #[test]
+    fn a_survey_with_neither_tags_nor_photos_is_an_error_that_names_the_folder() {
+        let folder = Folder::new();
+        fs::remove_file(folder.path("tags.csv")).unwrap();
+        for i in 1..=4 {
+            fs::remove_file(folder.path(&format!("photos/G{i}.JPG"))).unwrap();
+        }
+        assert!(folder.error().contains("photos: no JPEG"), "{}", folder.error());
     }
 
     #[test]

@@ -55,6 +55,20 @@ pub struct TagRow {
     pub tag: CaptureTag,
 }
 
+/// What a row of tags.csv says about a photo: which it is and, unless nothing was measured, its tag.
+pub(super) struct Claim {
+    pub(super) line: u64,
+    pub(super) capture: u32,
+    pub(super) photo: Option<String>,
+    pub(super) tag: Option<CaptureTag>,
+}
+
+impl From<TagRow> for Claim {
+    fn from(row: TagRow) -> Self {
+        Self { line: row.line, capture: row.tag.capture, photo: row.photo, tag: Some(row.tag) }
+    }
+}
+
 /// Longest plausible range or offset; a reading in millimetres is far above.
 const FARTHEST_M: f64 = 200.0;
 /// Fastest plausible vehicle.
@@ -72,6 +86,31 @@ pub fn read_tags(path: &Path) -> Result<Vec<TagRow>, TagsError> {
     }
     faults.extend(duplicates(&rows));
     if faults.is_empty() { Ok(rows) } else { Err(TagsError::Faults { path: path.to_owned(), faults }) }
+}
+
+/// Reads a tags.csv that numbers and names photos but measures nothing; the claims come in the order of the file.
+///
+/// `None` if any row holds more than number and name, or is wrong in any way: then it is for [`read_tags`] to say so.
+pub(super) fn read_names(path: &Path) -> Result<Option<Vec<Claim>>, TagsError> {
+    let bytes = fs::read(path).map_err(|source| TagsError::Io { path: path.to_owned(), source })?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes.as_slice());
+    let headings_match = reader.headers().is_ok_and(|headings| headings.iter().eq(TagColumn::NAMES));
+    let claims: Option<Vec<Claim>> = reader
+        .records()
+        .map(|record| {
+            let record = record.ok()?;
+            let [number, name] = [TagColumn::Capture, TagColumn::Photo].map(|column| record.get(column as usize));
+            let line = record.position().map_or(0, csv::Position::line);
+            let capture = number?.parse().ok().filter(|capture| *capture >= 1)?;
+            let bare = record.iter().skip(TagColumn::State as usize).all(str::is_empty);
+            let photo = name.filter(|name| !name.is_empty()).map(str::to_owned);
+            bare.then_some(Claim { line, capture, photo, tag: None })
+        })
+        .collect();
+    let distinct = |claims: &Vec<Claim>| {
+        claims.iter().map(|claim| claim.capture).collect::<std::collections::HashSet<_>>().len() == claims.len()
+    };
+    Ok(claims.filter(|claims| headings_match && !claims.is_empty() && distinct(claims)))
 }
 
 fn parse(bytes: &[u8]) -> (Vec<TagRow>, Vec<TagFault>) {
