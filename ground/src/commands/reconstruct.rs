@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use adit_ground::pipeline::{ReconstructOptions, SolveOptions, Stage, Summary, Verbosity, reconstruct};
+use adit_ground::pipeline::{ReconstructOptions, SolveOptions, Stage, Start, Summary, Verbosity, reconstruct};
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -45,8 +45,12 @@ pub(super) struct Arguments {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Strategy {
-    /// Templates on the wall, predicted by the tags
+    /// Templates on the wall, predicted by the tags; photos without tags are placed as by repmatch
     Guided,
+    /// Features first, whatever the tags say, matched by likelihood and motion curves; then as guided
+    Repmatch,
+    /// Features first, whatever the tags say, matched by the ratio test; then as guided
+    Ratio,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -84,7 +88,6 @@ impl fmt::Display for Figures {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
-    let Strategy::Guided = arguments.strategy;
     let keep = |step: Pruning| !arguments.without_pruning.contains(&step);
     let out = arguments.out.clone().unwrap_or_else(|| arguments.survey.join("out"));
     let summary = reconstruct(&ReconstructOptions {
@@ -97,6 +100,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
             prune_mask: keep(Pruning::Mask),
             prune_surface: keep(Pruning::Surface),
             prune_reprojection: keep(Pruning::Reprojection),
+            start: match arguments.strategy {
+                Strategy::Guided => Start::Tags,
+                Strategy::Repmatch => Start::RepMatch,
+                Strategy::Ratio => Start::Ratio,
+            },
         },
         verbosity: Verbosity::Talk,
     })?;

@@ -20,7 +20,7 @@ pub use shift::ShiftEvaluation;
 pub use wall_image::{WallGrid, WallImageError};
 
 use crate::poses::{PhotoPose, PosesError, read_poses};
-use crate::survey::{MaskError, SurveyError, load, read_tags};
+use crate::survey::{MaskError, Survey, SurveyError, load};
 use wall_image::WallImage;
 
 /// Why a reconstruction cannot be evaluated.
@@ -87,7 +87,8 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
         return Err(EvaluateError::NoResult { path: poses_path });
     }
     let mut notes = Vec::new();
-    let truth = tagged(read_poses(&truth_path)?, &survey_folder.join("tags.csv"), &mut notes)?;
+    let survey = load(survey_folder)?;
+    let truth = of_survey(read_poses(&truth_path)?, &survey, &mut notes);
     let poses = poses::compare_poses(&read_poses(&poses_path)?, &truth);
     let panorama = WallImage::read(&out.join("panorama"), "panorama")?;
     let texture = WallImage::read(&truth_folder, "texture")?;
@@ -100,7 +101,6 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
     let shift = panorama.as_ref().zip(texture.as_ref()).map(|(ours, theirs)| shift::measure_shift(ours, theirs));
     let coverage = match &panorama {
         Some(panorama) => {
-            let survey = load(survey_folder)?;
             let profile = survey.config.profile.build()?;
             Some(coverage::measure_coverage(&survey, &profile, &truth, panorama)?)
         }
@@ -109,15 +109,14 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
     Ok(Evaluation { survey: survey_folder.to_owned(), out: out.to_owned(), poses, panorama: shift, coverage, notes })
 }
 
-/// The true poses of the photos that tags.csv names. A double shot has a truth too, but no tag: it is no photo of the survey.
-fn tagged(truth: Vec<PhotoPose>, tags: &Path, notes: &mut Vec<String>) -> Result<Vec<PhotoPose>, EvaluateError> {
-    let rows = read_tags(tags).map_err(SurveyError::from)?;
-    let named: HashSet<&str> = rows.iter().filter_map(|row| row.photo.as_deref()).map(poses::file_name).collect();
+/// The true poses of the survey's photos. A double shot has a truth too, but may be no photo of the survey.
+fn of_survey(truth: Vec<PhotoPose>, survey: &Survey, notes: &mut Vec<String>) -> Vec<PhotoPose> {
+    let named: HashSet<&str> = survey.photos.iter().map(|photo| poses::file_name(&photo.name)).collect();
     let (truth, others): (Vec<_>, Vec<_>) =
         truth.into_iter().partition(|pose| named.contains(poses::file_name(&pose.photo)));
     if !others.is_empty() {
         let names: Vec<&str> = others.iter().map(|pose| pose.photo.as_str()).collect();
-        notes.push(format!("without a tag, so not compared: {}", names.join(", ")));
+        notes.push(format!("no photos of the survey, so not compared: {}", names.join(", ")));
     }
-    Ok(truth)
+    truth
 }

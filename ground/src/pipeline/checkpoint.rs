@@ -5,6 +5,7 @@
 //! means another input, and the stage runs again.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -29,7 +30,11 @@ impl Key {
         digest.update(env!("CARGO_PKG_VERSION"));
         for name in ["survey.toml", "tags.csv"] {
             let path = survey.folder.join(name);
-            let content = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            // Photos alone, without tags.csv, are a survey too.
+            let content = match fs::read(&path) {
+                Err(error) if error.kind() == ErrorKind::NotFound && name == "tags.csv" => Vec::new(),
+                read => read.with_context(|| format!("cannot read {}", path.display()))?,
+            };
             digest.update((content.len() as u64).to_le_bytes());
             digest.update(&content);
         }

@@ -6,6 +6,7 @@ mod photos;
 mod placing;
 mod progress;
 mod solve;
+mod tag_noise;
 mod warnings;
 
 use std::path::PathBuf;
@@ -16,7 +17,7 @@ use serde_json::json;
 
 pub use checkpoint::{Checkpoints, Key};
 pub use progress::{StageProgress, Verbosity};
-pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver, TagSlip};
+pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver, Start, TagSlip};
 pub use warnings::Warning;
 
 use crate::files::write_whole;
@@ -127,7 +128,7 @@ impl Run<'_> {
     fn stages(&mut self, survey: &Survey) -> Result<()> {
         let photos = survey.photos.len();
         let solver = Solver::new(survey, self.options.solve)?;
-        let key = Key::of_survey(survey)?.then("prior", &())?;
+        let key = Key::of_survey(survey)?.then("prior", &self.options.solve.start)?;
         let prior = self.stage(Stage::Prior, key, photos, &[], |_| solver.prior(), say_prior)?;
         let solver = solver.with_section(&prior)?;
         if self.ends_with(Stage::Prior) {
@@ -269,6 +270,7 @@ impl Stage {
 
 fn say_prior(stage: &PriorStage) -> (String, serde_json::Value) {
     let size = match &stage.size {
+        None if !stage.tagged => "placed by their features, without tags".to_owned(),
         None => "too few ranges to check the section's size".to_owned(),
         Some(size) => {
             let warning = if size.contradicts_nominal() { "; used instead of it: CHECK survey.toml" } else { "" };

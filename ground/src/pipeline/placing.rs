@@ -62,6 +62,8 @@ pub(super) struct Placing<'a> {
     tracks: Tracks,
     pairs: BTreeMap<[u32; 2], PairReport>,
     slips: Vec<TagSlip>,
+    /// There are tags to guess about.
+    tagged: bool,
     losses: Vec<Loss>,
     unusable: Vec<u32>,
 }
@@ -80,7 +82,8 @@ impl<'a> Placing<'a> {
             tracks: Tracks::default(),
             pairs: BTreeMap::new(),
             slips: Vec::new(),
-            losses: Vec::new(),
+            tagged: prior.tagged,
+            losses: prior.losses.clone(),
             unusable: Vec::new(),
         }
     }
@@ -279,7 +282,7 @@ impl<'a> Placing<'a> {
     fn seek_lost(&mut self, config: &MatchConfig, progress: &StageProgress) -> bool {
         let is_lost = |photo: usize| !self.placed[photo] && !self.unusable.contains(&(photo as u32));
         let lost: Vec<bool> = (0..self.placed.len()).map(is_lost).collect();
-        if !lost.contains(&true) || !self.placed.contains(&true) {
+        if !self.tagged || !lost.contains(&true) || !self.placed.contains(&true) {
             return false;
         }
         let placed = self.placed.clone();

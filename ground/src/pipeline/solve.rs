@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use adit_geometry::profile::{Profile, ProfileSpec};
 use adit_geometry::rig::{ImageUp, Rig};
+use adit_protocol::mission::Sigma;
 use adit_protocol::tag::CaptureTag;
 use anyhow::{Context, Result};
 use nalgebra::{Isometry3, Point3, Vector2};
@@ -13,6 +14,7 @@ use super::groups::registered;
 use super::photos::{SurveyPhotos, size_of};
 use super::placing::Placing;
 use super::progress::StageProgress;
+use super::tag_noise::TagNoise;
 use super::warnings::{Judged, Warning};
 use crate::adjust::{
     AdjustReport, Adjusted, Covariances, Loss as AdjustLoss, Observation, Problem, PruneCounts, Pruning, Shared,
@@ -23,6 +25,7 @@ use crate::poses::{PhotoPose, PoseStatus, Reconstruction};
 use crate::prior::{PriorModel, SizeEstimate, TagPrior, estimate_size, prior_views, tag_priors};
 use crate::raster::Mask;
 use crate::survey::{Loss, Survey, load_mask};
+use crate::untagged::{Matcher, PlacedPhoto, Untagged, survey_poses};
 
 /// One standard deviation of a match in the coarse round, pixels of the photo.
 pub(super) const COARSE_MATCH_PX: f64 = 0.8;
@@ -53,12 +56,26 @@ pub struct SolveOptions {
     pub prune_surface: bool,
     /// The paper's P3: drop sightings with a large reprojection error.
     pub prune_reprojection: bool,
+    /// Where the first poses come from.
+    pub start: Start,
+}
+
+/// Where the first poses come from, which guided matching starts with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Start {
+    /// From the tags; of photos without any tag as [`Self::RepMatch`].
+    Tags,
+    /// From the photos' features alone, matched by likelihood and motion curves.
+    RepMatch,
+    /// From the photos' features alone, matched by the ratio test.
+    Ratio,
 }
 
 impl Default for SolveOptions {
     /// All three steps.
     fn default() -> Self {
-        Self { prune_mask: true, prune_surface: true, prune_reprojection: true }
+        Self { prune_mask: true, prune_surface: true, prune_reprojection: true, start: Start::Tags }
     }
 }
 
@@ -73,6 +90,10 @@ pub struct PriorStage {
     pub size: Option<SizeEstimate>,
     /// The section that is used from here on: the nominal one, or of the size that the ranges gave where they contradict it.
     pub profile: ProfileSpec<f64>,
+    /// The poses come from tags, not from the photos' features.
+    pub tagged: bool,
+    /// Photos whose features found no place.
+    pub losses: Vec<Loss>,
 }
 
 /// Poses after a round of matching and an adjustment.
@@ -193,11 +214,38 @@ impl<'a> Solver<'a> {
         Ok(Self { profile: prior.profile.build().context("the section")?, ..self })
     }
 
-    /// Poses from the tags, and the section's size from the ranges.
+    /// Poses from the tags, and the section's size from the ranges; or, without tags, poses from the photos' features.
     ///
     /// # Errors
-    /// If the resized section cannot be built.
+    /// If the resized section cannot be built, or photos without tags do not show a turning camera.
     pub fn prior(&self) -> Result<PriorStage> {
+        let no_tags = self.survey.photos.iter().all(|photo| photo.tag.is_none());
+        match self.options.start {
+            Start::Tags if !no_tags => self.prior_of_tags(),
+            Start::Tags | Start::RepMatch => self.prior_of_features(Matcher::RepMatch),
+            Start::Ratio => self.prior_of_features(Matcher::Ratio),
+        }
+    }
+
+    fn prior_of_features(&self, matcher: Matcher) -> Result<PriorStage> {
+        let Untagged { photos, losses } = survey_poses(self.survey, &self.profile, matcher)?;
+        let view = |placed: &PlacedPhoto| ViewPose {
+            tunnel_from_cam: placed.tunnel_from_cam,
+            position_sigma_m: [placed.position_sigma_m; 3],
+            rotation_sigma_rad: [placed.rotation_sigma_rad; 3],
+            drift_m: 0.0,
+        };
+        Ok(PriorStage {
+            tags: photos.iter().map(|placed| placed.tag(&self.survey.config.rig)).collect(),
+            views: photos.iter().map(view).collect(),
+            size: None,
+            profile: self.survey.config.profile.clone(),
+            tagged: false,
+            losses,
+        })
+    }
+
+    fn prior_of_tags(&self) -> Result<PriorStage> {
         let config = &self.survey.config;
         let raw: Vec<_> = self.survey.photos.iter().map(|photo| photo.tag).collect();
         let tags = self.tag_priors(&raw);
@@ -206,7 +254,7 @@ impl<'a> Solver<'a> {
         let profile = config.profile.scaled(factor);
         let resized = Self { profile: profile.build().context("the section")?, ..*self };
         let views = resized.views(&tags, &self.shared_prior());
-        Ok(PriorStage { tags, views, size, profile })
+        Ok(PriorStage { tags, views, size, profile, tagged: true, losses: Vec::new() })
     }
 
     /// What tags say, after corrections.
@@ -280,16 +328,17 @@ impl<'a> Solver<'a> {
         let measured_px = first.report.median_after_px / 1.18;
         let weights = Weights { pixel_px: measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX), ..weights };
         let pruned = self.prune(&mut tracks, &first)?;
-        let sigmas = self.freed(prior);
-        let problem =
-            Problem { shared_sigmas: sigmas, ..self.problem(&coarse.tags, &first.poses, &tracks, first.shared) };
-        let last = adjust(&problem, &weights)?;
+        let shared_sigmas = self.freed(prior);
+        let registered = registered(&tracks, first.poses.len());
+        let noise = self.tag_noise(prior, coarse, &first, &registered);
+        let (tags, sigma) = self.noisier(&coarse.tags, noise);
+        let start = self.problem(&tags, &first.poses, &tracks, first.shared);
+        let last = adjust(&Problem { shared_sigmas, sigma, ..start }, &weights)?;
         tracks.positions_mut().copy_from_slice(&last.points);
-        let problem =
-            Problem { shared_sigmas: sigmas, ..self.problem(&coarse.tags, &last.poses, &tracks, last.shared) };
+        let end = self.problem(&tags, &last.poses, &tracks, last.shared);
+        let problem = Problem { shared_sigmas, sigma, ..end };
         let covariances = Covariances::at(&problem, &weights)?;
         let qualities = photo_qualities(&problem, &weights);
-        let registered = registered(&tracks, last.poses.len());
         let poses = self.survey.photos.iter().zip(covariances.pose_sigmas()).enumerate();
         let poses = poses.map(|(index, (photo, sigma))| PhotoPose {
             photo: photo.name.clone(),
@@ -301,7 +350,8 @@ impl<'a> Solver<'a> {
         });
         let poses: Vec<PhotoPose> = poses.collect();
         let profile = prior.profile.scaled(last.shared.profile_size);
-        let judged = Judged { solver: self, prior, coarse, round: &matches.round, problem: &problem, poses: &poses };
+        let judged =
+            Judged { solver: self, prior, coarse, round: &matches.round, problem: &problem, poses: &poses, noise };
         let warnings = judged.warnings();
         let camera = last.shared.camera;
         Ok(AdjustStage {
@@ -312,6 +362,31 @@ impl<'a> Solver<'a> {
             last: last.report,
             pruned,
         })
+    }
+
+    fn tag_noise(
+        &self,
+        prior: &PriorStage,
+        coarse: &CoarseStage,
+        adjusted: &Adjusted,
+        registered: &[bool],
+    ) -> TagNoise {
+        if !prior.tagged {
+            return TagNoise { rotation: [1.0; 3], range: 1.0 };
+        }
+        let (tags, range_m) = (&coarse.tags, self.survey.config.sigma.range_m);
+        let views = self.views(tags, &adjusted.shared);
+        TagNoise::new(tags, &views, &adjusted.poses, registered, &adjusted.shared, &self.profile, range_m)
+    }
+
+    /// The tags and their uncertainty, as noisy as they are.
+    fn noisier(&self, tags: &[TagPrior], noise: TagNoise) -> (Vec<TagPrior>, Sigma) {
+        let sigma = self.survey.config.sigma;
+        let noisier = |tag: &TagPrior| {
+            let rotation_sigma_rad = [0, 1, 2].map(|axis| tag.rotation_sigma_rad[axis] * noise.rotation[axis]);
+            TagPrior { rotation_sigma_rad, ..tag.clone() }
+        };
+        (tags.iter().map(noisier).collect(), Sigma { range_m: sigma.range_m * noise.range, ..sigma })
     }
 
     /// Which of the shared unknowns the last adjustment may move, and how well they are known before it.

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::groups::pair_shares;
 use super::solve::{CoarseStage, PriorStage, RoundSummary, Solver};
+use super::tag_noise::TagNoise;
 use crate::adjust::Problem;
 use crate::poses::{PhotoPose, PoseStatus};
 use crate::prior::SizeEstimate;
@@ -36,6 +37,8 @@ pub enum Warning {
         /// Its standard deviation, by the ranges.
         sigma: f64,
     },
+    /// The first poses come from the photos' features: where the section says nothing, their frame is a convention.
+    NoTags,
     /// No row of tags.csv names the photo; its pose rests on its neighbours and its matches.
     NoTag {
         /// The photo.
@@ -78,6 +81,13 @@ pub enum Warning {
         /// The later photo.
         second: String,
     },
+    /// A kind of reading is noisier than survey.toml says; the result's own uncertainty was raised accordingly.
+    TagsNoisier {
+        /// Which readings.
+        reading: Reading,
+        /// Noise over stated noise.
+        times: f64,
+    },
     /// Something that all photos share is not what survey.toml says.
     SharedContradicted {
         /// What.
@@ -118,6 +128,11 @@ impl fmt::Display for Warning {
                 (factor - 1.0) * 100.0,
                 sigma * 100.0
             ),
+            Self::NoTags => write!(
+                out,
+                "no tags were used: x starts at the first photo, and on a circle its roll is a convention; \
+                 the scale is that of the section in survey.toml"
+            ),
             Self::NoTag { photo } => write!(out, "{photo}: no tag; its pose rests on its neighbours and its matches"),
             Self::TagSlipped { photo, captures: Some(captures) } => {
                 write!(out, "{photo}: its matches contradict its tag; that of {captures:+} captures was used")
@@ -142,6 +157,14 @@ impl fmt::Display for Warning {
             Self::PairDisputed { first, second } => {
                 write!(out, "{first} and {second} should overlap, but do not agree on what they see")
             }
+            Self::TagsNoisier { reading, times } => {
+                let reading = match reading {
+                    Reading::Rotation => "shaft angles or attitudes",
+                    Reading::Ranges => "ranges",
+                    Reading::Odometer => "odometer",
+                };
+                write!(out, "the tags' {reading} are {times:.1} times as noisy as [sigma] in survey.toml says")
+            }
             Self::SharedContradicted { what, sigmas } => {
                 let what = match what {
                     SharedUnknown::Mounting => "the camera's mounting (or the shaft angle's zero)",
@@ -163,6 +186,8 @@ pub(super) struct Judged<'a> {
     /// At the adjusted poses, points and shared unknowns.
     pub(super) problem: &'a Problem<'a>,
     pub(super) poses: &'a [PhotoPose],
+    /// How noisy the tags are.
+    pub(super) noise: TagNoise,
 }
 
 impl Judged<'_> {
@@ -171,7 +196,7 @@ impl Judged<'_> {
         let mut warnings = self.of_survey();
         let survey = self.solver.survey;
         for (photo, pose) in survey.photos.iter().zip(self.poses) {
-            if photo.tag.is_none() {
+            if photo.tag.is_none() && self.prior.tagged {
                 warnings.push(Warning::NoTag { photo: photo.name.clone() });
             }
             if pose.status == PoseStatus::PriorOnly {
@@ -198,9 +223,19 @@ impl Judged<'_> {
         let shared = &self.problem.shared;
         let sigma = &self.solver.survey.config.sigma;
         let mut warnings = Vec::new();
+        if !self.prior.tagged {
+            warnings.push(Warning::NoTags);
+            return warnings;
+        }
         if let Some(size) = self.prior.size.filter(SizeEstimate::contradicts_nominal) {
             let factor = size.factor * shared.profile_size;
             warnings.push(Warning::SectionSize { factor, sigma: size.sigma });
+        }
+        let rotation = self.noise.rotation.into_iter().fold(1.0, f64::max);
+        for (reading, times) in [(Reading::Rotation, rotation), (Reading::Ranges, self.noise.range)] {
+            if times > 1.0 {
+                warnings.push(Warning::TagsNoisier { reading, times });
+            }
         }
         let nominal = Vector3::from(self.solver.survey.config.rig.mount_rotvec_rad);
         let mounting = (shared.mount_rotvec - nominal).amax() / sigma.mount_rad.max(1e-9);
@@ -215,6 +250,9 @@ impl Judged<'_> {
 
     /// Poses against the tags that were believed.
     fn of_tags(&self, warnings: &mut Vec<Warning>) {
+        if !self.prior.tagged {
+            return;
+        }
         let tags = &self.coarse.tags;
         let views = self.solver.views(tags, &self.problem.shared);
         let mut before: Option<(f64, f64, usize)> = None;

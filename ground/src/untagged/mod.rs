@@ -39,6 +39,10 @@ pub use fit::place;
 pub use graph::{Link, ViewGraph, view_graph};
 pub use survey::{Matcher, Untagged, survey_poses};
 
+/// Least standard deviation of a rotation that is passed on as a tag, radians: the same photos' matches made it and must not
+/// count twice; it holds the frame only.
+const FRAME_SIGMA_RAD: f64 = 0.035;
+
 /// Why photos cannot be placed without tags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UntaggedError {
@@ -97,6 +101,7 @@ impl PlacedPhoto {
             - tunnel_from_body * rig.body_from_cam(shaft_rad).translation.vector;
         TagPrior {
             shaft_rad,
+            rotation_sigma_rad: [self.rotation_sigma_rad.max(FRAME_SIGMA_RAD); 3],
             attitude_rad: Some([roll_rad, pitch_rad, yaw_rad]),
             beams: Vec::new(),
             range_head_m: None,
