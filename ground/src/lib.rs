@@ -5,6 +5,7 @@
 //! ingest -> prior -> matching -> adjust -> texture -> model -> report.
 #![forbid(unsafe_code)]
 
+pub mod ablation;
 pub mod adjust;
 pub mod comparison;
 pub mod correspond;

@@ -32,6 +32,7 @@ pub use covariance::{Covariances, PoseSigma};
 pub use loss::Loss;
 pub use problem::{Problem, Weights};
 pub use prune::{PruneCounts, Pruning, prune};
+pub(crate) use quality::triangulated_errors_px;
 pub use quality::{PhotoQuality, photo_qualities};
 pub use shared::{Shared, SharedSigmas};
 pub use solver::NotPositiveDefinite;

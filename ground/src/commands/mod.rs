@@ -1,5 +1,6 @@
 //! The subcommands: arguments in, a call into the library, figures out.
 
+mod ablation;
 mod adjust;
 mod board;
 mod evaluate;
@@ -63,6 +64,7 @@ enum Command {
     Match(match_photos::Arguments),
     Board(board::Arguments),
     Adjust(adjust::Arguments),
+    Ablation(ablation::Arguments),
 }
 
 impl Cli {
@@ -75,6 +77,7 @@ impl Cli {
             Command::Match(arguments) => match_photos::run(&arguments, &self.common),
             Command::Board(arguments) => board::run(&arguments, &self.common),
             Command::Adjust(arguments) => adjust::run(&arguments, &self.common),
+            Command::Ablation(arguments) => ablation::run(&arguments, &self.common),
         }
     }
 }

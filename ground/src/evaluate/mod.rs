@@ -15,6 +15,7 @@ use adit_geometry::profile::ProfileError;
 use serde::Serialize;
 
 pub use coverage::CoverageEvaluation;
+pub(crate) use poses::compare_poses;
 pub use poses::{AlignedErrors, FrameErrors, PoseEvaluation, Spread};
 pub use shift::ShiftEvaluation;
 pub use wall_image::{WallGrid, WallImageError};

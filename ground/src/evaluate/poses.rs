@@ -78,7 +78,7 @@ pub struct PoseEvaluation {
 }
 
 /// Compares estimated poses with true ones.
-pub(super) fn compare_poses(estimated: &[PhotoPose], truth: &[PhotoPose]) -> PoseEvaluation {
+pub(crate) fn compare_poses(estimated: &[PhotoPose], truth: &[PhotoPose]) -> PoseEvaluation {
     let names = Names::of(estimated);
     let mut used = HashSet::new();
     let (mut pairs, mut prior_only, mut missing) = (Vec::new(), Vec::new(), Vec::new());

@@ -11,7 +11,7 @@ use crate::adjust::{Observation, Tracks};
 const LEAST_SHARED: usize = 15;
 
 /// Tells for each photo whether it belongs to the largest group of photos that hang together; nobody does alone.
-pub(super) fn registered(tracks: &Tracks, photos: usize) -> Vec<bool> {
+pub(crate) fn registered(tracks: &Tracks, photos: usize) -> Vec<bool> {
     let mut shared: BTreeMap<[usize; 2], usize> = BTreeMap::new();
     for (_, seen) in tracks.iter() {
         for (index, one) in seen.iter().enumerate() {

@@ -190,7 +190,7 @@ impl RoundSummary {
 
 /// What all pose stages share.
 pub struct Solver<'a> {
-    pub(super) survey: &'a Survey,
+    pub(crate) survey: &'a Survey,
     /// The section in use.
     pub(super) profile: Profile<f64>,
     options: SolveOptions,
@@ -408,7 +408,7 @@ impl<'a> Solver<'a> {
         sigmas
     }
 
-    fn prune(&self, tracks: &mut Tracks, adjusted: &Adjusted) -> Result<PruneCounts> {
+    pub(crate) fn prune(&self, tracks: &mut Tracks, adjusted: &Adjusted) -> Result<PruneCounts> {
         let (low, high) = self.profile.bounds();
         let across_m = (high - low).min();
         let pruning = Pruning {
@@ -442,7 +442,7 @@ impl<'a> Solver<'a> {
         Ok(masked)
     }
 
-    pub(super) fn problem<'b>(
+    pub(crate) fn problem<'b>(
         &'b self,
         tags: &'b [TagPrior],
         poses: &'b [Isometry3<f64>],
@@ -465,7 +465,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Puts every point where its first observation's ray meets the section.
-    pub(super) fn put_on_wall(&self, tracks: &mut Tracks, poses: &[Isometry3<f64>]) {
+    pub(crate) fn put_on_wall(&self, tracks: &mut Tracks, poses: &[Isometry3<f64>]) {
         let camera = &self.survey.config.camera.camera;
         let hit = |seen: &Observation| {
             let pose = &poses[seen.photo as usize];
