@@ -74,7 +74,7 @@ impl Variant {
             Self::P1P2 => (true, true, false),
             Self::P1P2P3 | Self::Ours => (true, true, true),
         };
-        SolveOptions { prune_mask, prune_surface, prune_reprojection }
+        SolveOptions { prune_mask, prune_surface, prune_reprojection, ..SolveOptions::default() }
     }
 
     pub(super) fn run(self, survey: &Survey, prior: &PriorStage, matched: &Matched, judge: &Judge) -> Result<Row> {

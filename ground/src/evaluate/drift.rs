@@ -23,10 +23,9 @@ pub(super) fn drift_mm_per_m(pairs: &[(Isometry3<f64>, Isometry3<f64>)], scale: 
     }
     let start = &pairs[..START_PHOTOS];
     let turn = mean_rotation(start.iter().map(|(estimated, truth)| truth.rotation * estimated.rotation.inverse()))?;
-    let mean = |centre: fn(&(Isometry3<f64>, Isometry3<f64>)) -> Vector3<f64>| {
-        start.iter().map(centre).sum::<Vector3<f64>>() / START_PHOTOS as f64
-    };
-    let (from, to) = (mean(|pair| pair.0.translation.vector), mean(|pair| pair.1.translation.vector));
+    let from =
+        start.iter().map(|(estimated, _)| estimated.translation.vector).sum::<Vector3<f64>>() / START_PHOTOS as f64;
+    let to = start.iter().map(|(_, truth)| truth.translation.vector).sum::<Vector3<f64>>() / START_PHOTOS as f64;
     let errors = pairs.iter().map(|(estimated, truth)| {
         let moved = to + turn * (estimated.translation.vector - from) * scale;
         let away_m = (Point3::from(truth.translation.vector) - Point3::from(to)).norm();

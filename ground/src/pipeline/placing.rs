@@ -255,10 +255,10 @@ impl<'a> Placing<'a> {
         let prior = self.solver.views(&self.tags, &self.shared);
         let moved = |photo: usize| adjusted[photo].translation.x - prior[photo].tunnel_from_cam.translation.x;
         let placed: Vec<usize> = (0..self.placed.len()).filter(|&photo| self.placed[photo]).collect();
-        for photo in 0..self.views.len() {
-            self.views[photo] =
-                if self.placed[photo] { placed_view(adjusted[photo]) } else { beside(&prior, photo, &placed, moved) };
-        }
+        let view = |(photo, pose): (usize, &Isometry3<f64>)| {
+            if self.placed[photo] { placed_view(*pose) } else { beside(&prior, photo, &placed, moved) }
+        };
+        self.views = adjusted.iter().enumerate().map(view).collect();
     }
 
     /// Searches pairs of placed photos that were too uncertain, or did not look like overlapping, before. Tells if one was kept.

@@ -333,10 +333,10 @@ impl<'a> Solver<'a> {
         let noise = self.tag_noise(prior, coarse, &first, &registered);
         let (tags, sigma) = self.noisier(&coarse.tags, noise);
         let start = self.problem(&tags, &first.poses, &tracks, first.shared);
-        let last = adjust(&Problem { shared_sigmas, sigma, ..start }, &weights)?;
+        let last = adjust(&Problem { sigma, shared_sigmas, ..start }, &weights)?;
         tracks.positions_mut().copy_from_slice(&last.points);
         let end = self.problem(&tags, &last.poses, &tracks, last.shared);
-        let problem = Problem { shared_sigmas, sigma, ..end };
+        let problem = Problem { sigma, shared_sigmas, ..end };
         let covariances = Covariances::at(&problem, &weights)?;
         let qualities = photo_qualities(&problem, &weights);
         let poses = self.survey.photos.iter().zip(covariances.pose_sigmas()).enumerate();

@@ -44,7 +44,7 @@ impl TagNoise {
             error.component_div(&Vector3::from(tags[photo].rotation_sigma_rad))
         };
         let rotations: Vec<Vector3<f64>> = held().map(turned).collect();
-        let rotation = [0, 1, 2].map(|axis| times(rotations.iter().map(|error| error[axis]).collect()));
+        let rotation = [0, 1, 2].map(|axis| times(&rotations.iter().map(|error| error[axis]).collect::<Vec<_>>()));
         let mut ranges = Vec::new();
         for photo in held() {
             // The body's origin: the lever arm back from the optical centre.
@@ -57,17 +57,17 @@ impl TagNoise {
                 }
             }
         }
-        Self { rotation, range: times(ranges) }
+        Self { rotation, range: times(&ranges) }
     }
 }
 
 /// Standard deviation of the values by their median deviation, at least 1; 1 if it may be chance.
-fn times(values: Vec<f64>) -> f64 {
+fn times(values: &[f64]) -> f64 {
     if values.len() < LEAST_READINGS {
         return 1.0;
     }
     let chance = 1.0 + CHANCE / (values.len() as f64).sqrt();
-    let middle = median(&values);
+    let middle = median(values);
     let deviations: Vec<f64> = values.iter().map(|value| (value - middle).abs()).collect();
     let times = median(&deviations) / NORMAL_MEDIAN;
     if times > chance { times } else { 1.0 }
@@ -86,9 +86,9 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let normal = Normal::new(0.0, 1.0).unwrap();
         let mut draw = |sigma: f64| -> Vec<f64> { (0..60).map(|_| sigma * normal.sample(&mut random)).collect() };
-        assert_eq!(times(draw(1.0)), 1.0);
-        let three = times(draw(3.0));
+        assert_eq!(times(&draw(1.0)), 1.0);
+        let three = times(&draw(3.0));
         assert!((2.2..3.8).contains(&three), "{three}");
-        assert_eq!(times(vec![100.0; 3]), 1.0);
+        assert_eq!(times(&[100.0; 3]), 1.0);
     }
 }

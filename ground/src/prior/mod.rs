@@ -93,20 +93,20 @@ pub fn tag_priors(tags: &[Option<CaptureTag>], sigma: &Sigma, images_per_turn: u
     let forward = known.windows(2).filter(|pair| pair[1].0 == pair[0].0 + 1);
     let sense: f64 = forward.map(|pair| wrapped(pair[1].1 - pair[0].1).signum()).sum();
     let step_rad = if sense < 0.0 { -step_rad } else { step_rad };
-    let prior = |(photo, tag): (usize, &Option<CaptureTag>)| match tag {
-        Some(tag) => TagPrior::from_tag(tag, sigma),
-        None => {
-            let (shaft_rad, sigma_rad) = shaft_between(&known, photo, step_rad);
-            let roll_rad = sigma.shaft_rad.hypot(sigma.attitude_rad).hypot(sigma_rad);
-            TagPrior {
-                shaft_rad,
-                rotation_sigma_rad: [roll_rad, sigma.attitude_rad, sigma.attitude_rad],
-                attitude_rad: None,
-                beams: Vec::new(),
-                range_head_m: None,
-                odometer_m: None,
-            }
+    let without = |photo: usize| {
+        let (shaft_rad, sigma_rad) = shaft_between(&known, photo, step_rad);
+        let roll_rad = sigma.shaft_rad.hypot(sigma.attitude_rad).hypot(sigma_rad);
+        TagPrior {
+            shaft_rad,
+            rotation_sigma_rad: [roll_rad, sigma.attitude_rad, sigma.attitude_rad],
+            attitude_rad: None,
+            beams: Vec::new(),
+            range_head_m: None,
+            odometer_m: None,
         }
+    };
+    let prior = |(photo, tag): (usize, &Option<CaptureTag>)| {
+        tag.as_ref().map_or_else(|| without(photo), |tag| TagPrior::from_tag(tag, sigma))
     };
     let mut priors: Vec<TagPrior> = tags.iter().enumerate().map(prior).collect();
     // Without any odometer the first photo says where x begins.
@@ -172,13 +172,13 @@ pub fn prior_views(tags: &[TagPrior], model: &PriorModel<'_>) -> Vec<ViewPose> {
                 [0, 1].map(|axis| fix.covariance_m2[(axis, axis)].sqrt().clamp(model.sigma.range_m, CARRIED_SIGMA_M))
             });
             offset = fix.map_or(offset, |fix| fix.offset_m);
-            let body = Vector3::new(station.x_m, offset.x, offset.y);
+            let body = Vector3::new(station.x, offset.x, offset.y);
             let tunnel_from_body = Isometry3::from_parts(Translation3::from(body), tag.tunnel_from_body_rotation());
             ViewPose {
                 tunnel_from_cam: tunnel_from_body * model.rig.body_from_cam(tag.shaft_rad),
-                position_sigma_m: [station.sigma_m, across_sigma_m[0], across_sigma_m[1]],
+                position_sigma_m: [station.sigma, across_sigma_m[0], across_sigma_m[1]],
                 rotation_sigma_rad: tag.rotation_sigma_rad.map(|sigma_rad| sigma_rad.hypot(model.sigma.mount_rad)),
-                drift_m: station.drift_m,
+                drift_m: station.drift,
             }
         })
         .collect()
@@ -191,14 +191,14 @@ pub fn prior_poses(tags: &[TagPrior], rig: &Rig<f64>, profile: &Profile<f64>, ra
     prior_views(tags, &model).into_iter().map(|view| view.tunnel_from_cam).collect()
 }
 
-/// A photo's place along the axis.
+/// A photo's place along the axis, metres.
 #[derive(Clone, Copy, Debug)]
 struct Station {
-    x_m: f64,
+    x: f64,
     /// The photo's own uncertainty.
-    sigma_m: f64,
+    sigma: f64,
     /// See [`ViewPose::drift_m`].
-    drift_m: f64,
+    drift: f64,
 }
 
 /// Places along the axis: measured, between measured ones, beyond the last one at an even pace.
@@ -208,7 +208,7 @@ fn stations(tags: &[TagPrior], model: &PriorModel<'_>) -> Vec<Station> {
         .enumerate()
         .filter_map(|(photo, tag)| Some((photo, tag.odometer_m? * model.odometer_factor)))
         .collect();
-    let measured = |x_m: f64, sigma_m: f64| Station { x_m, sigma_m, drift_m: model.sigma.odometer_m_per_m * x_m };
+    let measured = |x: f64, sigma: f64| Station { x, sigma, drift: model.sigma.odometer_m_per_m * x };
     (0..tags.len())
         .map(|photo| {
             let after = known.partition_point(|(other, _)| *other < photo);
@@ -221,9 +221,9 @@ fn stations(tags: &[TagPrior], model: &PriorModel<'_>) -> Vec<Station> {
                 (Some(&(i, x_m)), None) | (None, Some(&(i, x_m))) => {
                     let way_m = (photo as f64 - i as f64) * model.unknown_step_m;
                     let edge = measured(x_m, ALONG_SIGMA_M);
-                    Station { x_m: x_m + way_m, drift_m: edge.drift_m + way_m, ..edge }
+                    Station { x: x_m + way_m, drift: edge.drift + way_m, ..edge }
                 }
-                (None, None) => Station { x_m: 0.0, sigma_m: ALONG_SIGMA_M, drift_m: 0.0 },
+                (None, None) => Station { x: 0.0, sigma: ALONG_SIGMA_M, drift: 0.0 },
             }
         })
         .collect()
