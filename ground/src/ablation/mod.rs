@@ -1,23 +1,24 @@
 //! `adit ablation`: what each pruning step is worth, the paper's Table 1 with judges that the paper did not have.
 //!
-//! All variants start from the tag-guided matches and the coarse round's poses; they differ in masks, pruning and adjustment:
+//! The first five start from the same matches, found with the help of tags but without masks, and from the coarse round's poses:
 //! - SBA is standard bundle adjustment: half the sum of squared reprojection errors over poses and free points, nothing
 //!   else. No robust loss, no tags, no ranges, no soft surface, nothing shared is free (camera and mounting as given), no
-//!   pruning, no masks. Only a loose hold to its start (0.5 m, 1 rad per photo) keeps the frame and the scale, which
-//!   photos cannot see, where the coarse round put them.
-//! - P1, P2, P1+P2 and P1+P2+P3 are SBA, these pruning steps, SBA again, with the product's bounds.
+//!   pruning. Only a loose hold to its start (0.5 m, 1 rad per photo) keeps the frame and the scale, which photos cannot
+//!   see, where the coarse round put them.
+//! - P1, P2, P1+P2 and P1+P2+P3 are SBA, these pruning steps with the product's bounds, SBA again.
+//!
+//! The other two start from matches that were found with masks:
+//! - Masked is SBA on them: what P1 is worth where no window of the matching ever meets a masked pixel.
 //! - Ours is what `adit reconstruct` does: all three steps, a robust loss, tags, ranges and the soft surface.
 //!
-//! P1 works before matching: with it no window lies on masked pixels, so there are two runs of matching, and "before" of a
-//! variant with P1 is what matching with masks found. SBA's row has what matching without them found. The matching itself is
-//! guided by tags and section and verifies its matches: there is less left to prune than in the paper, whose matches came
-//! from features anywhere in the photo.
+//! The matching is guided by tags and section and verifies its matches by them: there is less left to prune than in the
+//! paper, whose matches came from features anywhere in the photo.
 //!
 //! P3 takes away what has a large reprojection error, so the mean reprojection error cannot judge it, nor in full what P1 and
 //! P2 take: fewer points are fitted better. Therefore two judges besides: the true poses where there are any, and held-out
 //! matches. A tenth of the wall's cells is held out of every variant's adjustment; the points that matching with masks found
 //! there are triangulated at each variant's poses. Of a point in two photos that leaves only the distance to the epipolar
-//! line. Only the coarse round, the start of all variants alike, knew these cells.
+//! line. Only the coarse round, the start of the adjustments, knew these cells.
 
 mod judge;
 mod table;
@@ -91,7 +92,10 @@ pub fn ablate(survey: &Survey, verbosity: Verbosity) -> Result<Ablation> {
     let mut rows = Vec::new();
     for variant in Variant::ALL {
         let progress = StageProgress::start(verbosity, variant.name(), 0);
-        let matched = if variant.steps().prune_mask { &masked } else { unmasked.as_ref().unwrap_or(&masked) };
+        let matched = match variant {
+            Variant::Masked | Variant::Ours => &masked,
+            _ => unmasked.as_ref().unwrap_or(&masked),
+        };
         let row = variant.run(survey, &prior, matched, &judge).with_context(|| variant.name())?;
         progress.finish(&format!("{} points", row.points[1]));
         rows.push(row);

@@ -34,6 +34,9 @@ pub enum Variant {
     /// The same without sightings of a large reprojection error.
     #[serde(rename = "P1+P2+P3")]
     P1P2P3,
+    /// SBA on matches that were found with masks.
+    #[serde(rename = "masked")]
+    Masked,
     /// As the product does it.
     #[serde(rename = "ours")]
     Ours,
@@ -51,7 +54,7 @@ struct Adjustment {
 
 impl Variant {
     /// In the table's order.
-    pub const ALL: [Self; 6] = [Self::Sba, Self::P1, Self::P2, Self::P1P2, Self::P1P2P3, Self::Ours];
+    pub const ALL: [Self; 7] = [Self::Sba, Self::P1, Self::P2, Self::P1P2, Self::P1P2P3, Self::Masked, Self::Ours];
 
     /// As the table names it.
     pub fn name(self) -> &'static str {
@@ -61,14 +64,15 @@ impl Variant {
             Self::P2 => "P2",
             Self::P1P2 => "P1+P2",
             Self::P1P2P3 => "P1+P2+P3",
+            Self::Masked => "masked",
             Self::Ours => "ours",
         }
     }
 
-    /// The pruning steps.
+    /// The pruning steps after the first adjustment.
     pub fn steps(self) -> SolveOptions {
         let (prune_mask, prune_surface, prune_reprojection) = match self {
-            Self::Sba => (false, false, false),
+            Self::Sba | Self::Masked => (false, false, false),
             Self::P1 => (true, false, false),
             Self::P2 => (false, true, false),
             Self::P1P2 => (true, true, false),

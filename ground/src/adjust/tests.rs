@@ -450,3 +450,14 @@ fn the_quality_of_a_photo_counts_its_wrong_matches() {
         assert!(qualities[photo].doubted_share < 0.12 && qualities[photo].rms_px < 1.0, "{:?}", qualities[photo]);
     }
 }
+
+#[test]
+fn points_triangulated_at_true_poses_fit_and_at_prior_poses_do_not() {
+    let mut tunnel = tunnel(12, 0.0, 21);
+    for position in tunnel.tracks.positions_mut() {
+        position.coords *= 0.9;
+    }
+    let error_px = |poses| median(&triangulated_errors_px(&Problem { poses, ..tunnel.problem() }));
+    assert!(error_px(&tunnel.truth) < 1e-3, "{}", error_px(&tunnel.truth));
+    assert!(error_px(&tunnel.starts) > 1.0, "{}", error_px(&tunnel.starts));
+}
