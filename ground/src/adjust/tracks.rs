@@ -30,6 +30,14 @@ impl Tracks {
         self.ends.push(self.observations.len() as u32);
     }
 
+    /// Adds all points of `other` behind these.
+    pub fn append(&mut self, other: &Self) {
+        let before = self.observations.len() as u32;
+        self.positions.extend_from_slice(&other.positions);
+        self.observations.extend_from_slice(&other.observations);
+        self.ends.extend(other.ends.iter().map(|end| before + end));
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.positions.len()

@@ -89,6 +89,8 @@ pub fn match_round<P: Photos + ?Sized>(
     let last_needed = last_needed(&expected, poses.len());
     let mut patches: Patches = vec![None; poses.len()];
     let mut found: Vec<Vec<Found>> = vec![Vec::new(); poses.len()];
+    let mut finished: Vec<Option<Tracks>> = vec![None; poses.len()];
+    let mut next = 0;
     let mut result = MatchRound::default();
     let batch = (2 * rayon::current_num_threads()).max(8);
     let mut waiting = expected.as_slice();
@@ -116,11 +118,18 @@ pub fn match_round<P: Photos + ?Sized>(
             result.pairs.push(report);
         }
         for photo in 0..end {
-            if last_needed[photo].is_none_or(|last| last < end)
-                && let Some(patch) = patches[photo].take()
-            {
-                round.add_tracks(photo, &patch, std::mem::take(&mut found[photo]), &mut result.tracks);
+            if finished[photo].is_none() && last_needed[photo].is_none_or(|last| last < end) {
+                let found = std::mem::take(&mut found[photo]);
+                let patch = patches[photo].take();
+                finished[photo] =
+                    Some(patch.map_or_else(Tracks::default, |patch| round.tracks_of(photo, &patch, found)));
             }
+        }
+        // In order of the photos, whatever the batches are.
+        while let Some(Some(tracks)) = finished.get(next).filter(|_| next < end) {
+            result.tracks.append(tracks);
+            finished[next] = Some(Tracks::default());
+            next += 1;
         }
         progress(end);
     }
@@ -149,8 +158,9 @@ impl Round<'_> {
         Some(Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, &pixels, self.config))
     }
 
-    /// Adds the reference points of a photo that others found, in the order of the points, then of the photos.
-    fn add_tracks(&self, photo: usize, patch: &Patch, mut found: Vec<Found>, tracks: &mut Tracks) {
+    /// The reference points of a photo that others found, in the order of the points, then of the photos.
+    fn tracks_of(&self, photo: usize, patch: &Patch, mut found: Vec<Found>) -> Tracks {
+        let mut tracks = Tracks::default();
         found.sort_unstable_by_key(|one| (one.point, one.seen.photo));
         for group in found.chunk_by(|a, b| a.point == b.point) {
             let place = global_place(patch, patch.points[group[0].point as usize]);
@@ -160,6 +170,7 @@ impl Round<'_> {
                 tracks.push(point.position, std::iter::once(reference).chain(group.iter().map(|one| one.seen)));
             }
         }
+        tracks
     }
 
     /// Tries a pair; `None` if a photo is missing or the masks leave too little overlap.
