@@ -28,7 +28,7 @@ const DISPUTED_PX: f64 = 1.5;
 
 /// Something that does not fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
+#[serde(rename_all = "kebab-case")]
 pub enum Warning {
     /// The ranges contradict the section's nominal size, and theirs was used.
     SectionSize {

@@ -87,7 +87,6 @@ struct Report<'a> {
 #[derive(Serialize)]
 struct Told<'a> {
     message: String,
-    #[serde(flatten)]
     warning: &'a Warning,
 }
 
