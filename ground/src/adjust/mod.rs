@@ -36,6 +36,7 @@ pub(crate) use quality::triangulated_errors_px;
 pub use quality::{PhotoQuality, photo_qualities};
 pub use shared::{Shared, SharedSigmas};
 pub use solver::NotPositiveDefinite;
+pub(crate) use solver::{Envelope, Factor};
 use solver::{Limits, Minimised, Solver, State, Weighting};
 pub use tracks::{Observation, Tracks};
 use tunnel::{Estimate, TunnelModel, WITH_POINTS, points_see_shared};

@@ -8,10 +8,10 @@ use adit_geometry::profile::Profile;
 use adit_geometry::rig::{Rig, nominal_rotation};
 use nalgebra::{Isometry3, SMatrix, UnitQuaternion, UnitVector3, Vector2, Vector3};
 
-use super::band::{Band, Factor};
 use super::graph::{Link, ViewGraph};
 use super::miss::{Miss, UNKNOWNS, miss};
 use super::{PlacedPhoto, UntaggedError};
+use crate::adjust::{Envelope, Factor, NotPositiveDefinite, median};
 
 /// Most matches of a pair that take part, evenly drawn: more add nothing to a prior.
 const MOST_MATCHES: usize = 80;
@@ -61,7 +61,7 @@ pub fn place(graph: &ViewGraph, profile: &Profile<f64>, rig: &Rig<f64>) -> Resul
     let lost = |photo: usize| support[photo] < LEAST_SUPPORT;
     fit.links.retain(|link| !link.photos.iter().any(|photo| lost(*photo)));
     fit.descend(last, STEPS)?;
-    let factor = fit.normal(last).0.factor().map_err(|row| UntaggedError::Singular { photo: row / UNKNOWNS })?;
+    let factor = Factor::new(fit.normal(last).0).map_err(singular)?;
     Ok((0..fit.poses.len())
         .map(|photo| {
             let [rotation_sigma_rad, position_sigma_m] = fit.sigmas(&factor, photo);
@@ -131,8 +131,7 @@ impl<'a> Fit<'a> {
                 steps_m[second] = self.axial_shift_m(link);
             }
         }
-        let mut known: Vec<f64> = steps_m.iter().flatten().copied().collect();
-        self.step_m = median(&mut known).unwrap_or(0.0);
+        self.step_m = median(&steps_m.iter().flatten().copied().collect::<Vec<f64>>());
         let mut x_m = 0.0;
         for (pose, step_m) in self.poses.iter_mut().zip(steps_m).skip(1) {
             x_m += step_m.unwrap_or(self.step_m);
@@ -149,9 +148,9 @@ impl<'a> Fit<'a> {
             Some(hit.distance * direction.x + pose.translation.vector.x)
         };
         let [first, second] = link.photos;
-        let mut shifts: Vec<f64> =
+        let shifts: Vec<f64> =
             link.rays.iter().filter_map(|[a, b]| Some(wall_x(first, a)? - wall_x(second, b)?)).collect();
-        median(&mut shifts)
+        (!shifts.is_empty()).then(|| median(&shifts))
     }
 
     /// Tries starting angles all around and keeps the one whose fit agrees best.
@@ -177,7 +176,7 @@ impl<'a> Fit<'a> {
         for _ in 0..steps {
             let (mut normal, mut step, _) = self.normal(scale_rad);
             normal.scale_diagonal(1.0 + 1e-3);
-            let factor = normal.factor().map_err(|row| UntaggedError::Singular { photo: row / UNKNOWNS })?;
+            let factor = Factor::new(normal).map_err(singular)?;
             factor.solve(&mut step);
             for (pose, by) in self.poses.iter_mut().zip(step.chunks_exact(UNKNOWNS)) {
                 pose.rotation *= UnitQuaternion::from_scaled_axis(-Vector3::new(by[0], by[1], by[2]));
@@ -188,11 +187,12 @@ impl<'a> Fit<'a> {
     }
 
     /// Normal matrix, gradient and cost at the present poses.
-    fn normal(&self, scale_rad: f64) -> (Band, Vec<f64>, f64) {
+    fn normal(&self, scale_rad: f64) -> (Envelope, Vec<f64>, f64) {
         let reach = self.links.iter().map(|link| link.photos[1] - link.photos[0]).max().unwrap_or(1).max(1);
         let size = self.poses.len() * UNKNOWNS;
-        let mut system =
-            System { normal: Band::new(size, UNKNOWNS * (reach + 1) - 1), gradient: vec![0.0; size], cost: 0.0 };
+        // Photos are linked with photos up to a turn away only, so the factor costs the same per photo however many there are.
+        let normal = Envelope::new((0..self.poses.len()).map(|photo| (UNKNOWNS, photo.saturating_sub(reach))));
+        let mut system = System { normal, gradient: vec![0.0; size], cost: 0.0 };
         let k2 = (scale_rad / MATCH_RAD).powi(2);
         for link in &self.links {
             let [first, second] = link.photos;
@@ -274,7 +274,7 @@ impl<'a> Fit<'a> {
 }
 
 struct System {
-    normal: Band,
+    normal: Envelope,
     gradient: Vec<f64>,
     cost: f64,
 }
@@ -304,19 +304,18 @@ impl System {
         for (i, (row, by_row)) in jacobian.iter().enumerate() {
             self.gradient[*row] += by_row * error * weight;
             for (column, by_column) in &jacobian[..=i] {
-                self.normal.add(*row, *column, by_row * by_column * weight);
+                self.normal.add(*row.max(column), *row.min(column), by_row * by_column * weight);
             }
         }
     }
+}
+
+fn singular(error: NotPositiveDefinite) -> UntaggedError {
+    UntaggedError::Singular { photo: error.row / UNKNOWNS }
 }
 
 /// The link with at most [`MOST_MATCHES`] of its matches.
 fn thinned(link: &Link) -> Link {
     let every = link.rays.len().div_ceil(MOST_MATCHES).max(1);
     Link { rays: link.rays.iter().step_by(every).copied().collect(), ..link.clone() }
-}
-
-fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }

@@ -19,7 +19,6 @@
 //! turn between their neighbours, up to two in a row. The travel between photos must leave overlap. A photo that no other agrees with is
 //! interpolated, with a sigma that says so.
 
-mod band;
 mod fit;
 mod graph;
 mod miss;

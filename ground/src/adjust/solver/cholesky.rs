@@ -17,14 +17,14 @@ pub struct NotPositiveDefinite {
 
 /// The Cholesky factor `L`, in the envelope of its matrix.
 #[derive(Clone, Debug)]
-pub(super) struct Factor(Envelope);
+pub(crate) struct Factor(Envelope);
 
 impl Factor {
     /// Factors a matrix in place into `L L^T`.
     ///
     /// # Errors
     /// [`NotPositiveDefinite`] names the failing pivot.
-    pub(super) fn new(mut matrix: Envelope) -> Result<Self, NotPositiveDefinite> {
+    pub(crate) fn new(mut matrix: Envelope) -> Result<Self, NotPositiveDefinite> {
         Arch::new().dispatch(FactorAll(&mut matrix))?;
         Ok(Self(matrix))
     }
@@ -35,7 +35,7 @@ impl Factor {
     }
 
     /// Solves `L L^T x = b` in place.
-    pub(super) fn solve(&self, b: &mut [f64]) {
+    pub(crate) fn solve(&self, b: &mut [f64]) {
         let blocks = self.0.blocks();
         for (index, block) in blocks.iter().enumerate() {
             for offset in 0..block.height {

@@ -17,7 +17,7 @@ pub(super) const SLACK: usize = 16;
 
 /// Lower triangle, block by block, each row from its block's first column to the end of its block.
 #[derive(Clone, Debug)]
-pub(super) struct Envelope {
+pub(crate) struct Envelope {
     blocks: Vec<Block>,
     values: Vec<f64>,
 }
@@ -55,7 +55,7 @@ impl Block {
 
 impl Envelope {
     /// A zero matrix of blocks `(height, first stored block)`.
-    pub(super) fn new(shape: impl IntoIterator<Item = (usize, usize)>) -> Self {
+    pub(crate) fn new(shape: impl IntoIterator<Item = (usize, usize)>) -> Self {
         let mut blocks: Vec<Block> = Vec::new();
         let (mut row, mut start) = (0, 0);
         for (height, first) in shape {
@@ -118,8 +118,17 @@ impl Envelope {
         (block, row - self.blocks[block].row)
     }
 
+    /// Multiplies the diagonal.
+    pub(crate) fn scale_diagonal(&mut self, factor: f64) {
+        for block in &self.blocks {
+            for offset in 0..block.height {
+                self.values[block.at(offset, block.row + offset)] *= factor;
+            }
+        }
+    }
+
     /// Adds to an entry of the lower triangle, which must lie in the envelope.
-    pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
+    pub(crate) fn add(&mut self, row: usize, column: usize, value: f64) {
         let (block, offset) = self.locate(row);
         self.part_mut(block, offset, column..column + 1)[0] += value;
     }

@@ -19,9 +19,10 @@ mod order;
 use nalgebra::{Matrix2x3, Point3, RowVector3, SMatrix, SVector, Vector2};
 use rayon::prelude::*;
 
-use cholesky::Factor;
+pub(crate) use cholesky::Factor;
 pub use cholesky::NotPositiveDefinite;
 use eliminate::{Equations, System};
+pub(crate) use envelope::Envelope;
 pub(super) use order::Layout;
 
 use super::loss::Loss;
