@@ -12,6 +12,7 @@ pub mod correspond;
 pub mod evaluate;
 pub mod features;
 mod files;
+pub mod findings;
 pub mod ingest;
 pub mod link;
 pub mod matching;
@@ -26,6 +27,7 @@ pub mod survey;
 pub mod texture;
 pub mod two_view;
 pub mod untagged;
+pub mod view;
 
 /// Returns the folder of sample surveys that lies beside the checkout, where there is one.
 #[cfg(test)]

@@ -8,6 +8,7 @@ mod ingest;
 mod match_photos;
 mod plan;
 mod reconstruct;
+mod view;
 
 use std::io::Write;
 use std::num::NonZeroU16;
@@ -65,6 +66,7 @@ enum Command {
     Board(board::Arguments),
     Adjust(adjust::Arguments),
     Ablation(ablation::Arguments),
+    View(view::Arguments),
 }
 
 impl Cli {
@@ -78,6 +80,7 @@ impl Cli {
             Command::Board(arguments) => board::run(&arguments, &self.common),
             Command::Adjust(arguments) => adjust::run(&arguments, &self.common),
             Command::Ablation(arguments) => ablation::run(&arguments, &self.common),
+            Command::View(arguments) => view::run(&arguments),
         }
     }
 }
