@@ -7,6 +7,7 @@ mod image;
 mod peers;
 mod shell;
 mod test;
+mod viewer;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -60,6 +61,14 @@ enum Command {
         #[arg(long)]
         fresh: bool,
     },
+    /// Build the viewer's page from ground/viewer/ into ground/viewer/dist, which is committed and embedded in `adit`.
+    ///
+    /// Needs node 20 or newer with npm; packages come from npm as pinned in package-lock.json.
+    Viewer {
+        /// Fail if what was committed is not what the sources give.
+        #[arg(long)]
+        check: bool,
+    },
     /// Measure the flash image and compare it with firmware/budget.toml.
     Size,
     /// Everything a change must pass: set-up, board build, all tests.
@@ -81,6 +90,7 @@ fn main() -> ExitCode {
             let out = shell::top().join(out);
             bench_peers::bench_peers(&bench_peers::Options { sets, out, skip_peer, fresh })
         }
+        Command::Viewer { check } => viewer::viewer(check),
         Command::Size => flash::size(),
         Command::Test => test::test(),
         Command::Ci => test::ci(),

@@ -4,7 +4,7 @@ use anyhow::{Result, bail};
 
 use crate::image::{self, Kind};
 use crate::shell::{output, run, run_with};
-use crate::{flash, image::build, peers};
+use crate::{flash, image::build, peers, viewer};
 
 /// The rotator board's target.
 pub(crate) const BOARD: &str = "thumbv7em-none-eabihf";
@@ -31,13 +31,15 @@ pub(crate) fn setup() -> Result<()> {
     peers::install()
 }
 
-/// The flash images and their budget, then all tests, those that fly the image on the emulated board last.
+/// The flash images and their budget, then all tests: the viewer's in a browser, and last those that fly the image on the
+/// emulated board.
 pub(crate) fn test() -> Result<()> {
     setup()?;
     build(Kind::Hil)?;
     flash::size()?;
     image::write_forms(&Kind::Flight.elf())?;
     run("cargo", &["test", "--locked"])?;
+    viewer::test()?;
     run("cargo", &[&["test"], &EMULATOR[..]].concat())
 }
 

@@ -39,6 +39,8 @@ export class Eye {
   readonly hover = { x: 0, z: 0, height: 10 };
   /** 0 tunnel, 1 flat; the section follows. */
   share = 0;
+  /** Share of the screen's width, on the right, that a panel covers. */
+  covered = 0;
   onUnroll: () => void = () => {};
   private glide: Glide | null = null;
   private readonly flatY: number;
@@ -70,14 +72,14 @@ export class Eye {
   private overview(): void {
     const [low, high] = this.flatRange;
     const length_m = this.x_range_m[1] - this.x_range_m[0];
-    const half = Math.tan((FOV_DEG / 2) * (Math.PI / 180));
-    const aspect = this.camera.aspect;
-    const fit = Math.min((high - low) * 1.5, Math.max(length_m / aspect, (high - low) * 0.5) * 1.35);
-    this.hover.height = Math.max(fit, (high - low) * 1.35) / 2 / half;
+    const half = Math.tan((FOV_DEG * Math.PI) / 360);
+    const seen_m = (high - low) * 1.25;
+    const wide_m = seen_m * this.camera.aspect;
+    this.hover.height = seen_m / 2 / half;
     this.hover.x = (low + high) / 2;
-    const seen_m = this.hover.height * half * aspect;
     const middle = -(this.x_range_m[0] + this.x_range_m[1]) / 2;
-    this.hover.z = seen_m * 2 > length_m ? middle : this.clampZ(this.fly.position.z);
+    const fits = wide_m * (1 - this.covered) > length_m;
+    this.hover.z = (fits ? middle : this.fly.position.z) - (this.covered * wide_m) / 2;
   }
 
   /** Puts the camera where the state says. */

@@ -56,10 +56,10 @@ export class Findings {
   constructor(private readonly section: Section) {
     const kinds = element("finding-kind", HTMLSelectElement);
     for (const [value, name] of Object.entries(KINDS)) kinds.add(new Option(name, value));
-    element("finding-save", HTMLButtonElement).addEventListener("click", () => void this.save());
+    onSubmit("finding-form", () => this.save());
     element("finding-delete", HTMLButtonElement).addEventListener("click", () => void this.remove());
     element("inspection-button", HTMLButtonElement).addEventListener("click", () => void this.describe());
-    element("inspection-save", HTMLButtonElement).addEventListener("click", () => void this.saveInspection());
+    onSubmit("inspection-form", () => this.saveInspection());
   }
 
   async load(): Promise<void> {
@@ -106,8 +106,6 @@ export class Findings {
   }
 
   private async save(): Promise<void> {
-    const form = this.dialog.querySelector("form")!;
-    if (!form.reportValidity()) return;
     const observation: Observation = {
       kind: element("finding-kind", HTMLSelectElement).value,
       severity: Number(element("finding-severity", HTMLSelectElement).value),
@@ -228,6 +226,13 @@ export class Findings {
   marks(): { x_m: number; s_m: number; colour: string }[] {
     return this.list.map((finding) => ({ ...this.middle(finding), colour: COLOURS[finding.severity] ?? "#fff" }));
   }
+}
+
+function onSubmit(form: string, work: () => Promise<void>): void {
+  element(form, HTMLFormElement).addEventListener("submit", (event) => {
+    event.preventDefault();
+    void work();
+  });
 }
 
 /** A box between two corners on the wall; a point is a dot. */

@@ -11,6 +11,7 @@ const TURN_RAD_PER_S = 1.2;
 export interface Commands {
   /** The wall was clicked; `x`, `y` on the screen. */
   click(place: Place, x: number, y: number): void;
+  doubleClick(place: Place): void;
   /** A box is being drawn; `done`: it is. Only asked where `marks()`. */
   box(from: Place, to: Place, done: boolean): void;
   hover(place: Place | null): void;
@@ -35,8 +36,7 @@ export class Hands {
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("dblclick", (event) => {
       const place = this.pick(event.offsetX, event.offsetY);
-      if (place && !commands.marks()) eye.goTo(place, performance.now(), true);
-      commands.changed();
+      if (place) commands.doubleClick(place);
     });
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     window.addEventListener("keydown", (event) => this.keyDown(event));
@@ -127,7 +127,8 @@ export class Hands {
     const typing = event.target instanceof HTMLElement && event.target.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
     if (typing || document.querySelector("dialog[open]") || event.ctrlKey || event.metaKey || event.altKey) return;
     if (MOVES.has(event.code)) {
-      if (event.target instanceof HTMLInputElement) return;
+      // A slider has its own use for the arrows.
+      if (event.code.startsWith("Arrow") && event.target instanceof HTMLInputElement && event.target.type === "range") return;
       this.held.add(event.code);
       this.commands.changed();
       event.preventDefault();

@@ -8,7 +8,7 @@ import { Headset } from "./vr";
 import { Ink } from "./ink";
 import { Hands, type Commands } from "./keys";
 import { TunnelMap, niceStep } from "./map";
-import { Measure, metres } from "./measure";
+import { Measure } from "./measure";
 import { PhotoLayer } from "./photos";
 import type { Layer, Place, Scene } from "./scene";
 import { Section } from "./section";
@@ -98,6 +98,11 @@ class Viewer implements Commands {
       const finding = this.findings.at(place);
       if (finding) this.findings.edit(finding);
     }
+    this.changed();
+  }
+
+  doubleClick(place: Place): void {
+    if (this.mode === "look") this.eye.goTo(place, performance.now(), true);
     this.changed();
   }
 
@@ -191,6 +196,7 @@ class Viewer implements Commands {
       this.eye.setShare((event.target as HTMLInputElement).valueAsNumber);
       this.changed();
     });
+    for (const cancel of document.querySelectorAll("button.cancel")) cancel.addEventListener("click", () => cancel.closest("dialog")?.close());
     const dialog = element("goto-dialog", HTMLDialogElement);
     dialog.addEventListener("close", () => {
       if (dialog.returnValue !== "go") return;
@@ -199,12 +205,14 @@ class Viewer implements Commands {
     });
     element("name", HTMLElement).textContent = this.scene.name;
     document.title = `${this.scene.name} – Adit`;
-    if (window.innerWidth < 900) this.togglePanel();
+    // Open at first where there is room beside it.
+    if (window.innerWidth >= 900) this.togglePanel();
   }
 
   private togglePanel(): void {
     const open = !element("panel", HTMLElement).classList.toggle("closed");
     element("panel-button", HTMLButtonElement).classList.toggle("on", open);
+    this.eye.covered = open ? Math.min(280 / this.canvas.clientWidth, 0.4) : 0;
   }
 
   private openGoTo(): void {
@@ -324,16 +332,17 @@ class Viewer implements Commands {
     const at = this.centre();
     const { grid } = this.scene;
     const distance = at?.distance ?? 0;
+    const loading = this.wall.pending > 0 ? " · loading…" : "";
     const m_per_px = distance / this.pxPerRad(this.canvas.clientHeight);
     element("place", HTMLElement).textContent = at
-      ? `${at.x_m.toFixed(2)} m · ${clockText(this.section.clock(at.s_m))} o’clock · ${((m_per_px * 1000) / this.renderer.getPixelRatio()).toFixed(2)} mm per pixel (photo’s own ${grid.mm_per_px.toFixed(2)})`
+      ? `${at.x_m.toFixed(2)} m · ${clockText(this.section.clock(at.s_m))} o’clock · ${((m_per_px * 1000) / this.renderer.getPixelRatio()).toFixed(2)} mm/px${loading}`
       : "";
     const length = niceStep((m_per_px * SCALE_PX) / 1.6);
     const shown = at !== null && m_per_px > 0 && Number.isFinite(length);
     element("scale", HTMLDivElement).hidden = !shown;
     if (shown) {
       element("scale-bar", HTMLDivElement).style.width = `${length / m_per_px}px`;
-      element("scale-text", HTMLElement).textContent = this.eye.share === 1 ? metres(length) : `${metres(length)} at the wall in the centre`;
+      element("scale-text", HTMLElement).textContent = this.eye.share === 1 ? scaleText(length) : `${scaleText(length)} at the wall in the centre`;
     }
     const root = this.wall.rootPicture;
     if (root && !this.map.background) {
@@ -357,6 +366,8 @@ class Viewer implements Commands {
     return copy.toDataURL("image/jpeg", 0.85);
   }
 }
+
+const scaleText = (length_m: number) => (length_m < 0.9 ? `${Number((length_m * 1000).toPrecision(1))} mm` : `${Number(length_m.toPrecision(1))} m`);
 
 function legend(which: string, entries: [string, string][]): void {
   const items = entries.map(([colour, text]) => {
