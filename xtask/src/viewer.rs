@@ -69,8 +69,18 @@ fn build() -> Result<()> {
 fn check_built() -> Result<()> {
     let before = built()?;
     build()?;
-    let changed: Vec<&str> = BUILT.into_iter().zip(before).zip(built()?).filter(|((_, old), new)| old != new).map(|((name, _), _)| name).collect();
-    ensure!(changed.is_empty(), "{FOLDER}/dist was not what its sources give ({}); it is now: commit it", changed.join(", "));
+    let changed: Vec<&str> = BUILT
+        .into_iter()
+        .zip(before)
+        .zip(built()?)
+        .filter(|((_, old), new)| old != new)
+        .map(|((name, _), _)| name)
+        .collect();
+    ensure!(
+        changed.is_empty(),
+        "{FOLDER}/dist was not what its sources give ({}); it is now: commit it",
+        changed.join(", ")
+    );
     Ok(())
 }
 

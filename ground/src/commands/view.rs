@@ -34,7 +34,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer> {
     let viewer = Viewer::open(&arguments.out)?;
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start the server")?;
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start the server")?;
     runtime.block_on(async {
         let listener = listen(arguments.listen).await?;
         let address = listener.local_addr().context("cannot tell the server's address")?;

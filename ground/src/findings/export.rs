@@ -221,7 +221,10 @@ mod tests {
         to_csv(&mut text, &findings([Observation { note: note.to_owned(), ..example() }])).unwrap();
         let mut reader = csv::Reader::from_reader(text.as_slice());
         let row = reader.records().next().unwrap().unwrap();
-        assert_eq!(row.iter().take(8).collect::<Vec<_>>(), ["1", "crack", "BAB", "3", "1.250", "1.500", "11.00", "1.00"]);
+        assert_eq!(
+            row.iter().take(8).collect::<Vec<_>>(),
+            ["1", "crack", "BAB", "3", "1.250", "1.500", "11.00", "1.00"]
+        );
         assert_eq!(&row[8], format!("'{note}"));
     }
 

@@ -95,7 +95,11 @@ impl Store {
             Ok(findings) => findings,
             Err(source) => return Err(FindingsError::Json { path, source }),
         };
-        if findings.format == FORMAT { Ok(findings) } else { Err(FindingsError::Format { path, found: findings.format }) }
+        if findings.format == FORMAT {
+            Ok(findings)
+        } else {
+            Err(FindingsError::Format { path, found: findings.format })
+        }
     }
 
     fn save(&self, findings: &Findings) -> Result<(), FindingsError> {

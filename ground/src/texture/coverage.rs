@@ -30,6 +30,8 @@ pub struct Hole {
 pub struct Coverage {
     /// Side of the cells that were counted.
     pub cell_m: f64,
+    /// Where the first row of the map's cells begins along the axis.
+    pub x0_m: f64,
     /// The stretch that is judged: from the first to the last place at which a photo was aimed.
     pub x_from_m: f64,
     /// End of the stretch.
@@ -52,6 +54,7 @@ impl Coverage {
         json!({
             "format": 1,
             "cell_m": self.cell_m,
+            "x0_m": self.x0_m,
             "stretch": {"x_from_m": self.x_from_m, "x_to_m": self.x_to_m, "area_m2": self.area_m2},
             "share_seen_by_at_least": {"1": self.seen_share[0], "2": self.seen_share[1], "3": self.seen_share[2]},
             "seen_area_m2": self.seen_area_m2,
@@ -80,6 +83,7 @@ pub(crate) fn measure(counts: &[u16], lattice: &Lattice, profile: &Profile<f64>,
     holes.truncate(MOST_HOLES);
     Coverage {
         cell_m: lattice.step_s_m,
+        x0_m: lattice.x0_m,
         x_from_m: stretch[0],
         x_to_m: stretch[1],
         area_m2: cells as f64 * cell_area_m2,

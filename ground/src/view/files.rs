@@ -57,9 +57,7 @@ pub(super) fn read(root: &Path, wanted: &str) -> Result<Served, FileError> {
 
 /// Joins plain names only: no `..`, no absolute path, no drive, no hidden file.
 fn confined(root: &Path, wanted: &str) -> Option<PathBuf> {
-    let plain = |name: &str| {
-        !name.is_empty() && !name.starts_with('.') && !name.contains(['\\', ':', '\0'])
-    };
+    let plain = |name: &str| !name.is_empty() && !name.starts_with('.') && !name.contains(['\\', ':', '\0']);
     wanted.split('/').all(plain).then(|| root.join(wanted))
 }
 

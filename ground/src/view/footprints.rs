@@ -47,7 +47,9 @@ pub(super) fn footprint(
     let mut points: Vec<[f64; 2]> = Vec::with_capacity(4 * POINTS_PER_SIDE);
     for pixel in border(camera) {
         let Some(in_cam) = camera.unproject(&pixel) else { continue };
-        let Some([s_m, x_m]) = on_wall(&(tunnel_from_cam.rotation * in_cam), tunnel_from_cam, profile) else { continue };
+        let Some([s_m, x_m]) = on_wall(&(tunnel_from_cam.rotation * in_cam), tunnel_from_cam, profile) else {
+            continue;
+        };
         let s_m = match points.last() {
             Some(&[last, _]) => s_m - ((s_m - last) / perimeter_m).round() * perimeter_m,
             None => s_m,

@@ -3,9 +3,7 @@
 use std::net::IpAddr;
 
 use axum::extract::Request;
-use axum::http::header::{
-    CONTENT_SECURITY_POLICY, HOST, HeaderName, ORIGIN, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
-};
+use axum::http::header::{CONTENT_SECURITY_POLICY, HOST, HeaderName, ORIGIN, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -36,10 +34,7 @@ pub(super) async fn guard(request: Request, next: Next) -> Response {
     headers.insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
     headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     headers.insert(REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
-    headers.insert(
-        HeaderName::from_static("cross-origin-resource-policy"),
-        HeaderValue::from_static("same-origin"),
-    );
+    headers.insert(HeaderName::from_static("cross-origin-resource-policy"), HeaderValue::from_static("same-origin"));
     headers.entry("cache-control").or_insert(HeaderValue::from_static("no-cache"));
     response
 }
@@ -73,9 +68,8 @@ mod tests {
     use super::*;
 
     fn judged(headers: &[(&'static str, &'static str)], is_page: bool) -> Result<(), Foreign> {
-        let pairs = headers.iter().map(|(name, value)| {
-            (HeaderName::from_static(name), HeaderValue::from_static(value))
-        });
+        let pairs =
+            headers.iter().map(|(name, value)| (HeaderName::from_static(name), HeaderValue::from_static(value)));
         judge(&pairs.collect(), is_page)
     }
 
@@ -84,7 +78,8 @@ mod tests {
         for host in ["127.0.0.1:8080", "localhost:1", "LOCALHOST", "[::1]:8080", "[::1]", "192.168.1.7:80"] {
             assert!(is_ours(host), "{host}");
         }
-        for host in ["evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example", "", ":80"] {
+        for host in ["evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example", "", ":80"]
+        {
             assert!(!is_ours(host), "{host}");
         }
     }
@@ -95,7 +90,11 @@ mod tests {
         let ours = [("host", "127.0.0.1:8080"), ("origin", "http://127.0.0.1:8080")];
         assert_eq!(judged(&ours, false), Ok(()));
         for origin in ["http://127.0.0.1:3000", "https://evil.example", "null", "http://localhost:8080"] {
-            assert_eq!(judged(&[("host", "127.0.0.1:8080"), ("origin", origin)], true), Err(Foreign::Origin), "{origin}");
+            assert_eq!(
+                judged(&[("host", "127.0.0.1:8080"), ("origin", origin)], true),
+                Err(Foreign::Origin),
+                "{origin}"
+            );
         }
         assert_eq!(judged(&[("origin", "http://127.0.0.1")], false), Err(Foreign::Host));
     }

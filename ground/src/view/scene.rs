@@ -31,7 +31,7 @@ pub(super) struct Scene {
     last_level: u32,
     section: Section,
     coverage: Option<CoverageLayer>,
-    relief: Option<Layer>,
+    relief: Option<ReliefLayer>,
     photos: Vec<Photo>,
     /// The photos themselves can be fetched.
     has_photos: bool,
@@ -53,15 +53,22 @@ struct Layer {
     url: &'static str,
     x_from_m: f64,
     x_to_m: f64,
-    /// The file beside it that says more, where there is one.
-    about: Option<Value>,
 }
 
 #[derive(Serialize)]
 struct CoverageLayer {
     #[serde(flatten)]
     layer: Layer,
+    /// None, one, two, three, four and more photos.
     colours: [[u8; 3]; 5],
+}
+
+#[derive(Serialize)]
+struct ReliefLayer {
+    #[serde(flatten)]
+    layer: Layer,
+    /// Height of full red, depth of full blue; white lies between.
+    full_colour_mm: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -83,6 +90,7 @@ pub(super) fn read(viewer: &Viewer) -> Result<Scene, ViewError> {
     let mut notes = Vec::new();
     let photos = noted(photos(&viewer.out, &panorama.profile), "no photos can be shown on the wall", &mut notes);
     let coverage = noted(coverage(&viewer.out, &panorama), "no coverage can be shown", &mut notes);
+    let relief = noted(relief(&viewer.out), "no relief can be shown", &mut notes);
     let grid = panorama.grid;
     Ok(Scene {
         name: viewer.name.clone(),
@@ -92,7 +100,7 @@ pub(super) fn read(viewer: &Viewer) -> Result<Scene, ViewError> {
         last_level: TileReader::new(&viewer.out, grid.width_px, grid.height_px).last_level(),
         section: section(&panorama.profile),
         coverage: coverage.flatten(),
-        relief: relief(&viewer.out, &grid)?,
+        relief: relief.flatten(),
         photos: photos.unwrap_or_default(),
         has_photos: viewer.photos.is_some(),
         notes,
@@ -181,17 +189,29 @@ fn coverage(out: &Path, panorama: &Panorama) -> Result<Option<CoverageLayer>, Vi
     let x_from_m = number("x0_m").unwrap_or(panorama.grid.x0_m);
     let Some(cell_m) = number("cell_m") else { return Ok(None) };
     let x_to_m = x_from_m + f64::from(rows) * cell_m;
-    let layer = Layer { url: "coverage.png", x_from_m, x_to_m, about: Some(about) };
+    let layer = Layer { url: "coverage.png", x_from_m, x_to_m };
     Ok(Some(CoverageLayer { layer, colours: crate::texture::COVERAGE_COLOURS }))
 }
 
-/// The picture of the relief, over the panorama's stretch; there is none before the surface stage has run.
-fn relief(out: &Path, grid: &PanoramaGrid) -> Result<Option<Layer>, ViewError> {
+/// The picture of the relief; there is none where the surface stage has not run. Its place is the surface's lattice, its colours
+/// are the report's figures of that stage.
+fn relief(out: &Path) -> Result<Option<ReliefLayer>, ViewError> {
     if png_size(&out.join("relief.png"))?.is_none() {
         return Ok(None);
     }
-    let about = read_json(&out.join("relief.json")).ok();
-    Ok(Some(Layer { url: "relief.png", x_from_m: grid.x0_m, x_to_m: grid.x_m(grid.height_px as f64), about }))
+    let surface = read_json(&out.join("surface/surface.json"))?;
+    let number = |key: &str| surface.pointer(key).and_then(Value::as_f64);
+    let place = number("/lattice/x0_m").zip(number("/lattice/step_x_m")).zip(number("/lattice/rows"));
+    let Some(((x_from_m, step_m), rows)) = place else { return Ok(None) };
+    let layer = Layer { url: "relief.png", x_from_m, x_to_m: x_from_m + step_m * rows };
+    Ok(Some(ReliefLayer { layer, full_colour_mm: full_colour_mm(out) }))
+}
+
+fn full_colour_mm(out: &Path) -> Option<f64> {
+    let report = read_json(&out.join("report.json")).ok()?;
+    let stages = report.get("stages")?.as_array()?;
+    let surface = stages.iter().find(|stage| stage.get("stage").is_some_and(|name| name == "surface"))?;
+    surface.pointer("/figures/full_colour_mm")?.as_f64()
 }
 
 fn read_json(path: &Path) -> Result<Value, ViewError> {

@@ -233,6 +233,11 @@ class Viewer implements Commands {
       const names = ["no photo", "1", "2", "3", "4 or more"];
       legend("coverage", scene.coverage.colours.map((rgb, at) => [`rgb(${rgb.join()})`, names[at] ?? ""]));
     }
+    if (scene.relief) {
+      const full = scene.relief.full_colour_mm;
+      const words = (sign: string) => (full === null ? "" : ` ${sign}${full.toFixed(0)} mm`);
+      legend("relief", [["#2166ac", `lies back${words("−")}`], ["#f7f7f7", "0"], ["#b2182b", `stands out${words("+")}`]]);
+    }
     const check = (id: string, work: (on: boolean) => void) =>
       element(id, HTMLInputElement).addEventListener("change", (event) => {
         work((event.target as HTMLInputElement).checked);
@@ -269,7 +274,6 @@ class Viewer implements Commands {
     };
     box.addEventListener("change", () => void update());
     slider.addEventListener("input", () => void update());
-    if (which === "relief") legend("relief", reliefColours(layer));
   }
 
   // Drawing.
@@ -378,13 +382,6 @@ function legend(which: string, entries: [string, string][]): void {
     return item;
   });
   element(`legend-${which}`, HTMLDivElement).replaceChildren(...items);
-}
-
-/** Colours and heights, where relief.json names them as `legend: [{colour: [r, g, b], height_mm}]`. */
-function reliefColours(layer: Layer): [string, string][] {
-  const entries = layer.about?.legend;
-  if (!Array.isArray(entries)) return [["#888", "height over the section, positive inwards"]];
-  return entries.map((entry: { colour?: number[]; height_mm?: number }) => [`rgb(${(entry.colour ?? []).join()})`, `${entry.height_mm ?? "?"} mm`]);
 }
 
 function renderer(): THREE.WebGLRenderer | null {

@@ -13,7 +13,6 @@ export interface Layer {
   url: string;
   x_from_m: number;
   x_to_m: number;
-  about: Record<string, unknown> | null;
 }
 
 export interface Photo {
@@ -35,7 +34,7 @@ export interface Scene {
   last_level: number;
   section: { s_m: number[]; y_m: number[]; z_m: number[] };
   coverage: (Layer & { colours: [number, number, number][] }) | null;
-  relief: Layer | null;
+  relief: (Layer & { full_colour_mm: number | null }) | null;
   photos: Photo[];
   has_photos: boolean;
   notes: string[];
