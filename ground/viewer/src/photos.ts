@@ -11,6 +11,7 @@ const MOST_LISTED = 12;
 
 export class PhotoLayer {
   shown = false;
+  onChange: () => void = () => {};
   private selected: { place: Place; photos: Photo[]; marked: Photo | null } | null = null;
 
   constructor(private readonly scene: Scene, private readonly section: Section) {}
@@ -94,7 +95,10 @@ export class PhotoLayer {
       }
       text.append(document.createElement("br"), about);
       item.append(text);
-      item.addEventListener("pointerenter", () => (selected.marked = photo));
+      item.addEventListener("pointerenter", () => {
+        selected.marked = photo;
+        this.onChange();
+      });
       return item;
     });
     element("photo-list", HTMLUListElement).replaceChildren(...(items.length > 0 ? items : ["No photo shows this place."]));
