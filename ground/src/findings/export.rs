@@ -1,4 +1,4 @@
-//! Findings for other programs: CSV, JSON in the manner of GeoJSON, XML in the manner of EN 13508-2.
+//! Findings for other programs: CSV, JSON in the manner of `GeoJSON`, XML in the manner of EN 13508-2.
 
 use std::fmt::Write as _;
 use std::io;
@@ -43,7 +43,7 @@ pub fn to_csv(out: &mut impl io::Write, findings: &Findings) -> io::Result<()> {
 }
 
 /// Returns a `FeatureCollection` whose coordinates are `[x_m, s_m]` on the unrolled wall (not degrees: the one deviation from
-/// GeoJSON, and the collection says so). A box over the seam at the crown has `s` beyond the perimeter.
+/// `GeoJSON`, and the collection says so). A box over the seam at the crown has `s` beyond the perimeter.
 pub fn to_geojson(findings: &Findings, profile: &Profile<f64>) -> Value {
     let features: Vec<Value> = findings
         .findings

@@ -1,5 +1,6 @@
 //! The server's addresses and what answers there.
 
+use std::future::ready;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::extract::{DefaultBodyLimit, Path, State};
@@ -46,9 +47,9 @@ struct NewFinding {
 pub(super) fn router(viewer: Viewer) -> Router {
     let findings = Mutex::new(Store::new(&viewer.out));
     Router::new()
-        .route("/", get(|| fixed("text/html; charset=utf-8", PAGE)))
-        .route("/viewer.js", get(|| fixed("text/javascript; charset=utf-8", SCRIPT)))
-        .route("/viewer.css", get(|| fixed("text/css; charset=utf-8", STYLE)))
+        .route("/", get(|| ready(fixed("text/html; charset=utf-8", PAGE))))
+        .route("/viewer.js", get(|| ready(fixed("text/javascript; charset=utf-8", SCRIPT))))
+        .route("/viewer.css", get(|| ready(fixed("text/css; charset=utf-8", STYLE))))
         .route("/api/scene", get(scene))
         .route("/api/findings", get(list).post(add))
         .route("/api/findings/{id}", put(change).delete(remove))
@@ -61,7 +62,7 @@ pub(super) fn router(viewer: Viewer) -> Router {
         .with_state(Arc::new(Shared { viewer, findings }))
 }
 
-async fn fixed(content_type: &'static str, body: &'static str) -> Response {
+fn fixed(content_type: &'static str, body: &'static str) -> Response {
     ([(CONTENT_TYPE, content_type)], body).into_response()
 }
 

@@ -39,7 +39,7 @@ pub enum ViewError {
         /// What is wrong.
         source: serde_json::Error,
     },
-    /// The panorama's figures contradict each other.
+    /// Figures of the results are missing or contradict each other.
     #[error("{}: {what}; run `adit reconstruct` again with --fresh", path.display())]
     Panorama {
         /// The file.

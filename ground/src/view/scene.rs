@@ -11,7 +11,7 @@ use serde_json::Value;
 use super::Viewer;
 use super::error::ViewError;
 use super::footprints::{footprint, read_camera};
-use super::panorama::{self, Panorama};
+use super::panorama;
 use crate::poses::{PoseStatus, read_poses};
 use crate::texture::{PanoramaGrid, TILE_PX, TileReader};
 
@@ -41,6 +41,7 @@ pub(super) struct Scene {
 
 /// Once around the wall from the crown, clockwise looking forward; the last vertex closes it.
 #[derive(Serialize)]
+#[expect(clippy::struct_field_names, reason = "the unit belongs into every name")]
 struct Section {
     s_m: Vec<f64>,
     y_m: Vec<f64>,
@@ -89,7 +90,7 @@ pub(super) fn read(viewer: &Viewer) -> Result<Scene, ViewError> {
     let panorama = panorama::read(&viewer.out)?;
     let mut notes = Vec::new();
     let photos = noted(photos(&viewer.out, &panorama.profile), "no photos can be shown on the wall", &mut notes);
-    let coverage = noted(coverage(&viewer.out, &panorama), "no coverage can be shown", &mut notes);
+    let coverage = noted(coverage(&viewer.out), "no coverage can be shown", &mut notes);
     let relief = noted(relief(&viewer.out), "no relief can be shown", &mut notes);
     let grid = panorama.grid;
     Ok(Scene {
@@ -181,13 +182,15 @@ fn photos(out: &Path, profile: &Profile<f64>) -> Result<Vec<Photo>, ViewError> {
     Ok(photos.collect())
 }
 
-/// The coverage map: cells of `cell_m`, rows from `x0_m` on, where older files begin with the panorama.
-fn coverage(out: &Path, panorama: &Panorama) -> Result<Option<CoverageLayer>, ViewError> {
-    let about = read_json(&out.join("coverage.json"))?;
+/// The coverage map: cells of `cell_m`, rows from `x0_m` on.
+fn coverage(out: &Path) -> Result<Option<CoverageLayer>, ViewError> {
+    let path = out.join("coverage.json");
+    let about = read_json(&path)?;
     let Some((_, rows)) = png_size(&out.join("coverage.png"))? else { return Ok(None) };
     let number = |key: &str| about.get(key).and_then(Value::as_f64);
-    let x_from_m = number("x0_m").unwrap_or(panorama.grid.x0_m);
-    let Some(cell_m) = number("cell_m") else { return Ok(None) };
+    let Some((x_from_m, cell_m)) = number("x0_m").zip(number("cell_m")) else {
+        return Err(ViewError::Panorama { path, what: "it does not say where its cells lie (x0_m, cell_m)" });
+    };
     let x_to_m = x_from_m + f64::from(rows) * cell_m;
     let layer = Layer { url: "coverage.png", x_from_m, x_to_m };
     Ok(Some(CoverageLayer { layer, colours: crate::texture::COVERAGE_COLOURS }))

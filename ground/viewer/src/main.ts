@@ -356,6 +356,7 @@ class Viewer implements Commands {
     this.map.draw(at && { s_m: at.s_m, x_m: at.x_m }, this.eyeX(), this.findings.marks());
     this.canvas.dataset.pending = String(this.wall.pending);
     this.canvas.dataset.finest = String(this.wall.finest);
+    this.canvas.dataset.layers = this.wall.layers().join(" ");
   }
 
   /** The view with what is drawn on it, as a JPEG's data URL. */

@@ -164,6 +164,12 @@ export class Wall {
     return bitmap;
   }
 
+  /** The overlays that have arrived and are shown. */
+  layers(): string[] {
+    const shown = (which: string) => this.shared[which]!.value !== this.nothing && (this.shared[`${which}Of`]!.value as THREE.Vector3).z > 0;
+    return ["coverage", "relief"].filter(shown);
+  }
+
   /** Chooses the tiles for a view, shows them as well as they are there, and asks for the rest. */
   update(eye: Eye): void {
     this.frame++;

@@ -86,5 +86,11 @@ export function writeReconstruction(out) {
   const cells = { width: 40, height: Math.ceil((HEIGHT_PX * TEXEL_M * 40) / PERIMETER_M) };
   cells.data = new Uint8Array(cells.width * cells.height * 4).fill(255);
   writeFileSync(join(out, "coverage.png"), encode(cells));
-  writeFileSync(join(out, "coverage.json"), JSON.stringify({ format: 1, cell_m: PERIMETER_M / 40, holes: [] }));
+  // Green from 5 to 6 m, on a lattice that begins a metre before the panorama.
+  const relief = { width: 60, height: 90, data: new Uint8Array(60 * 90 * 4) };
+  for (let row = 60; row < 70; row++) for (let column = 0; column < 60; column++) relief.data.set([20, 230, 20, 255], (row * 60 + column) * 4);
+  writeFileSync(join(out, "relief.png"), encode(relief));
+  mkdirSync(join(out, "surface"));
+  writeFileSync(join(out, "surface/surface.json"), JSON.stringify({ lattice: { x0_m: -1, step_x_m: 0.1, rows: 90 } }));
+  writeFileSync(join(out, "coverage.json"), JSON.stringify({ format: 1, cell_m: PERIMETER_M / 40, x0_m: 0, holes: [] }));
 }

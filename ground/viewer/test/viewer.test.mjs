@@ -205,6 +205,21 @@ test("a finding is saved beside the survey, survives a reload, and its words are
   await page.close();
 });
 
+test("the relief lies where its lattice says", async () => {
+  const page = await open();
+  await unroll(page);
+  const [red, blue] = [await find(page, DOTS.red.rgb), await find(page, DOTS.blue.rgb)];
+  const [response] = await Promise.all([page.waitForResponse(/relief\.png$/), page.check("#layer-relief")]);
+  await response.finished();
+  await page.waitForFunction(() => document.getElementById("view").dataset.layers?.includes("relief"));
+  await quiet(page);
+  const green = await find(page, DOTS.green.rgb);
+  const px_per_m = (blue.x - red.x) / (DOTS.blue.x_m - DOTS.red.x_m);
+  const middle_m = DOTS.red.x_m + (green.x - red.x) / px_per_m;
+  assert.ok(green.count > 1000 && Math.abs(middle_m - 5.5) < 0.05, `${green.count} green pixels around ${middle_m} m`);
+  await page.close();
+});
+
 test("a click lists the photos that show a place", async () => {
   const page = await open();
   await unroll(page);
