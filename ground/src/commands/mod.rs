@@ -80,7 +80,7 @@ impl Cli {
             Command::Board(arguments) => board::run(&arguments, &self.common),
             Command::Adjust(arguments) => adjust::run(&arguments, &self.common),
             Command::Ablation(arguments) => ablation::run(&arguments, &self.common),
-            Command::View(arguments) => view::run(&arguments),
+            Command::View(arguments) => view::run(&arguments, &self.common),
         }
     }
 }

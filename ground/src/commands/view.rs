@@ -1,5 +1,6 @@
 //! `adit view`.
 
+use std::fmt;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -7,8 +8,9 @@ use std::process::{Command, Stdio};
 use adit_ground::view::{Viewer, listen};
 use anyhow::{Context, Result};
 use clap::Args;
+use serde::Serialize;
 
-use super::Answer;
+use super::{Answer, Common, print};
 
 /// Walk through a reconstruction in the browser.
 ///
@@ -32,20 +34,33 @@ pub(super) struct Arguments {
     open: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<Answer> {
+/// What is printed.
+#[derive(Serialize)]
+struct Figures {
+    url: String,
+}
+
+impl fmt::Display for Figures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.url)
+    }
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
     let viewer = Viewer::open(&arguments.out)?;
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start the server")?;
     runtime.block_on(async {
         let listener = listen(arguments.listen).await?;
         let address = listener.local_addr().context("cannot tell the server's address")?;
-        println!("http://{address}/");
+        let figures = Figures { url: format!("http://{address}/") };
+        print(&figures, common)?;
         eprintln!("showing {}; Ctrl-C ends it", arguments.out.display());
         if !address.ip().is_loopback() {
             eprintln!("warning: everyone who reaches {address} can look at the survey and mark findings");
         }
         if arguments.open {
-            open(&format!("http://{address}/"));
+            open(&figures.url);
         }
         viewer.serve(listener, interrupted()).await?;
         Ok(Answer::Yes)
