@@ -55,7 +55,9 @@ fn packages() -> Result<()> {
     if std::fs::read_to_string(&note).is_ok_and(|installed| installed == wanted) {
         return Ok(());
     }
-    eprintln!("xtask: installing three.js, esbuild, TypeScript and playwright-core from npm to {FOLDER}/node_modules");
+    eprintln!(
+        "xtask: installing three.js, esbuild, TypeScript, playwright-core and iwer from npm to {FOLDER}/node_modules"
+    );
     npm(&["ci", "--no-audit", "--no-fund"])?;
     std::fs::write(&note, wanted).with_context(|| format!("cannot write {}", note.display()))
 }

@@ -55,7 +55,7 @@ class Viewer implements Commands {
     this.photos = new PhotoLayer(scene, this.section);
     this.map = new TunnelMap(element("map", HTMLCanvasElement), grid);
     this.hands = new Hands(this.canvas, this.eye, this);
-    this.wall.onChange = this.findings.onChange = this.photos.onChange = () => this.changed();
+    this.wall.onChange = this.findings.onChange = this.photos.onChange = this.headset.onLeave = () => this.changed();
     this.findings.onVisit = this.map.onVisit = (place) => this.visit(place);
     this.eye.onUnroll = () => {
       this.wall.rolled();

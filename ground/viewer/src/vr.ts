@@ -9,6 +9,7 @@ const SPEED_MPS = 1.2;
 
 export class Headset {
   readonly rig = new THREE.Group();
+  onLeave: () => void = () => {};
 
   constructor(private readonly renderer: THREE.WebGLRenderer, private readonly eye: Eye) {
     this.rig.add(eye.camera);
@@ -50,6 +51,7 @@ export class Headset {
     this.rig.position.set(0, 0, 0);
     this.rig.rotation.set(0, 0, 0);
     this.eye.apply();
+    this.onLeave();
   }
 
   /** The sticks: forward and sideways the way one looks, kept inside by the flying eye's own rules. */

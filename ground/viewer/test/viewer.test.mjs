@@ -14,6 +14,7 @@ import { decode } from "./png.mjs";
 import { DOTS, LAST_LEVEL, writeReconstruction } from "./synthetic.mjs";
 
 const ADIT = new URL("../../../target/debug/adit", import.meta.url).pathname;
+const HEADSET = new URL("../node_modules/iwer/build/iwer.js", import.meta.url).pathname;
 const FLAGS = [
   "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run",
   "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -227,6 +228,32 @@ test("a click lists the photos that show a place", async () => {
   const red = await find(page, DOTS.red.rgb);
   await page.mouse.click(red.x, red.y);
   assert.match(await page.locator("#photo-list").textContent(), /FLOOR\.JPG/);
+  await page.close();
+});
+
+test("with a headset (emulated) one enters the tunnel, moves by the stick, and comes out where one went", async () => {
+  const page = await browser.newPage({ viewport: { width: 640, height: 480 } });
+  const problems = [];
+  page.on("pageerror", (error) => problems.push(String(error)));
+  await page.addInitScript({ path: HEADSET });
+  await page.addInitScript(() => {
+    window.device = new window.IWER.XRDevice(window.IWER.metaQuest3);
+    window.device.installRuntime({ forceInstall: true });
+  });
+  await page.goto(server.url);
+  await page.waitForFunction(() => document.getElementById("cover").hidden);
+  await quiet(page);
+  const x_m = async () => parseFloat(await page.locator("#place").textContent());
+  const before_m = await x_m();
+  await page.click("#vr-button");
+  await page.waitForFunction(() => window.device.activeSession);
+  await page.evaluate(async () => {
+    window.device.controllers.right.updateAxes("thumbstick", 0, -1);
+    for (let frame = 0; frame < 30; frame++) await new Promise((done) => window.device.activeSession.requestAnimationFrame(done));
+    await window.device.activeSession.end();
+  });
+  await page.waitForFunction((before_m) => parseFloat(document.getElementById("place").textContent) > before_m + 0.1, before_m);
+  assert.deepEqual(problems, []);
   await page.close();
 });
 
