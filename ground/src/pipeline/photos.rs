@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use crate::matching::{Photos, Pixels};
 use crate::raster::Mask;
-use crate::survey::{Size, Survey, decode_grey, load_mask};
+use crate::survey::{Size, Survey, decode_luma, load_mask};
 
 /// Decodes the survey's photos; those that fail are left out of the matching and named by [`Self::faults`].
 pub(super) struct SurveyPhotos<'a> {
@@ -37,7 +37,7 @@ impl Photos for SurveyPhotos<'_> {
     fn load(&self, index: usize) -> Option<Pixels<'_>> {
         let photo = self.survey.photos.get(index)?;
         let size = size_of(self.survey);
-        let grey = decode_grey(&photo.path, size).map_err(|error| self.fault(index, &error)).ok()?;
+        let grey = decode_luma(&photo.path, size).map_err(|error| self.fault(index, &error)).ok()?;
         let mask = if self.use_masks { photo_mask(self.survey, index) } else { Ok(None) };
         let mask = mask.map_err(|error| self.fault(index, &error)).ok()?;
         Some(Pixels { grey: Cow::Owned(grey), mask: mask.map(Cow::Owned) })
