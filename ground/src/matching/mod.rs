@@ -43,6 +43,7 @@ mod patch;
 mod rectify;
 mod round;
 mod search;
+mod texels;
 mod wall;
 
 use std::borrow::Cow;

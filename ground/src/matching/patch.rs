@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 
 use super::filter::{Band, DECIMATION, Plane, box_sums, decimated, decimated_rows};
 use super::rectify::rectify;
+use super::texels::Texels;
 use super::wall::{BLOCK, Footprint, WallGrid};
 use super::{MatchConfig, Pixels};
 
@@ -19,7 +20,7 @@ pub(super) struct Patch {
     /// Global column and row of the first texel.
     pub(super) origin: [i64; 2],
     /// The normalised band; 0 where not seen.
-    pub(super) texels: Plane,
+    pub(super) texels: Texels,
     /// Around which blocks of [`DECIMATION`] squared texels a template can lie, row by row.
     usable: Vec<bool>,
     /// Reference points, column and row in the window.
@@ -42,7 +43,7 @@ impl Patch {
         let origin = footprint.block0.map(|block| block * BLOCK as i64);
         let points = reference_points(&band.texels, &usable, origin, config);
         let footprint = without_masked(footprint, &band.seen);
-        Self { origin, texels: band.texels, usable, points, footprint }
+        Self { origin, texels: Texels::new(&band.texels), usable, points, footprint }
     }
 
     /// Tells whether a template can lie around a place in the window; none can beyond it.

@@ -2,14 +2,23 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::filter::Plane;
 use super::patch::{MIN_VARIANCE, Patch};
+use super::texels::Texels;
 
 /// Window columns worked on together: enough independent sums to hide the latency of a fused multiply-add.
 const GROUP: usize = 8;
 
 /// Template rows are padded with zeros to a multiple of this, the widest vector in use.
 const LANES: usize = 8;
+
+/// Half-width of the search window, texels, from which it is searched at half the resolution first.
+const WIDE_REACH: usize = 12;
+
+/// Places at half the resolution that are looked at in full: repeated bricks look alike there.
+const CANDIDATES: usize = 3;
+
+/// Half-width, texels, of the search around such a place.
+const REFINING_REACH: usize = 3;
 
 /// Where a template was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +43,8 @@ impl Search {
     /// Finds the template around `point` of `from` near `target` (column and row in the window of `to`).
     ///
     /// `None` if the best place lies on the border of the search, touches wall that `to` did not see, or correlates less
-    /// than `min_ncc`. Cost: the search window times the template's area in multiply-adds.
+    /// than `min_ncc`. Cost: the search window times the template's area in multiply-adds; where the window is wide a
+    /// sixteenth of that, since it is searched at half the resolution first.
     pub(super) fn find(
         &mut self,
         from: &Patch,
@@ -43,20 +53,92 @@ impl Search {
         target: [i64; 2],
         size: &SearchSize,
     ) -> Option<Peak> {
-        let contrast = self.take_template(&from.texels, point.map(|middle| middle as i64), size)?;
+        let point = point.map(|middle| middle as i64);
+        if size.reach.iter().all(|&reach| reach < WIDE_REACH) {
+            return self.find_at_once(from, point, to, target, size);
+        }
+        let narrow = SearchSize { reach: [REFINING_REACH; 2], ..*size };
+        let mut best: Option<Peak> = None;
+        for offset in self.find_halved(from, point, to, target, size)? {
+            let near = [0, 1].map(|axis| target[axis] + offset[axis]);
+            if let Some(peak) = self.find_at_once(from, point, to, near, &narrow)
+                && best.is_none_or(|best| peak.ncc > best.ncc)
+            {
+                best = Some(Peak { offset: [0, 1].map(|axis| peak.offset[axis] + offset[axis] as f64), ..peak });
+            }
+        }
+        best.filter(|peak| (0..2).all(|axis| peak.offset[axis].abs() < size.reach[axis] as f64))
+    }
+
+    fn find_at_once(
+        &mut self,
+        from: &Patch,
+        point: [i64; 2],
+        to: &Patch,
+        target: [i64; 2],
+        size: &SearchSize,
+    ) -> Option<Peak> {
+        let contrast = self.take_template(&from.texels, point, size)?;
         self.take_window(&to.texels, target, size);
         self.correlate(size, contrast);
-        self.hide_unusable(to, target, size);
+        self.hide_unusable(to, 1, target, size);
         self.peak(size)
     }
 
+    /// The best places at half the resolution, as offsets from `target` in texels; the true one may be a texel off.
+    fn find_halved(
+        &mut self,
+        from: &Patch,
+        point: [i64; 2],
+        to: &Patch,
+        target: [i64; 2],
+        size: &SearchSize,
+    ) -> Option<impl Iterator<Item = [i64; 2]> + use<>> {
+        let halved = SearchSize { half: size.half / 2, reach: size.reach.map(|reach| reach / 2 + 1), min_ncc: 0.0 };
+        let [halved_point, halved_target] = [point, target].map(|place| place.map(|texel| texel.div_euclid(2)));
+        let contrast = self.take_template(from.texels.halved(), halved_point, &halved)?;
+        self.take_window(to.texels.halved(), halved_target, &halved);
+        self.correlate(&halved, contrast);
+        self.hide_unusable(to, 2, halved_target, &halved);
+        let offset = move |[column, row]: [usize; 2]| {
+            let place = [column, row].map(|index| index as i64);
+            [0, 1].map(|axis| {
+                let found = halved_target[axis] - halved.reach[axis] as i64 + place[axis];
+                2 * (found - halved_point[axis]) + point[axis] - target[axis]
+            })
+        };
+        Some(self.highest(&halved).into_iter().flatten().map(offset))
+    }
+
+    /// The highest of the scores that no neighbour exceeds, as column and row.
+    fn highest(&self, size: &SearchSize) -> [Option<[usize; 2]>; CANDIDATES] {
+        let (span, columns) = (size.span(), size.columns());
+        let mut highest = [(0.0, None); CANDIDATES];
+        for (row, scores) in self.scores.chunks_exact(columns).enumerate() {
+            for (column, &score) in scores[..span[0]].iter().enumerate() {
+                if score <= highest[CANDIDATES - 1].0 {
+                    continue;
+                }
+                let rows = row.saturating_sub(1)..(row + 2).min(span[1]);
+                let beside = column.saturating_sub(1)..(column + 2).min(span[0]);
+                let exceeds = |row: usize| self.scores[row * columns..][beside.clone()].iter().any(|&other| other > score);
+                if !rows.into_iter().any(exceeds) {
+                    let rank = highest.partition_point(|(other, _)| *other >= score);
+                    highest[rank..].rotate_right(1);
+                    highest[rank] = (score, Some([column, row]));
+                }
+            }
+        }
+        highest.map(|(_, place)| place)
+    }
+
     /// Takes the template's deviations from its mean; returns one over their norm, or `None` if there is too little contrast.
-    fn take_template(&mut self, from: &Plane, middle: [i64; 2], size: &SearchSize) -> Option<f32> {
+    fn take_template(&mut self, from: &Texels, middle: [i64; 2], size: &SearchSize) -> Option<f32> {
         let (side, stride) = (size.side(), size.template_stride());
         self.template.clear();
         self.template.resize(side * stride, 0.0);
         let corner = middle.map(|middle| middle - size.half as i64);
-        copy_rectangle(from, corner, [side; 2], &mut self.template, stride);
+        from.copy_rectangle(corner, [side; 2], &mut self.template, stride);
         let area = (side * side) as f32;
         let mean = self.template.iter().sum::<f32>() / area;
         let mut squares = 0.0;
@@ -69,13 +151,13 @@ impl Search {
         (squares > MIN_VARIANCE * area).then(|| squares.sqrt().recip())
     }
 
-    fn take_window(&mut self, to: &Plane, target: [i64; 2], size: &SearchSize) {
+    fn take_window(&mut self, to: &Texels, target: [i64; 2], size: &SearchSize) {
         let stride = size.window_stride();
         let side = size.reach.map(|reach| 2 * (size.half + reach) + 1);
         self.window.clear();
         self.window.resize(side[1] * stride, 0.0);
         let corner = [0, 1].map(|axis| target[axis] - (size.half + size.reach[axis]) as i64);
-        copy_rectangle(to, corner, side, &mut self.window, stride);
+        to.copy_rectangle(corner, side, &mut self.window, stride);
     }
 
     /// Fills the scores with the normalised cross-correlation at every offset; 0 where the window has too little contrast.
@@ -97,12 +179,12 @@ impl Search {
         });
     }
 
-    /// Clears the scores where no template can lie.
-    fn hide_unusable(&mut self, to: &Patch, target: [i64; 2], size: &SearchSize) {
+    /// Clears the scores where no template can lie; a step of the window is one of `texels`.
+    fn hide_unusable(&mut self, to: &Patch, texels: i64, target: [i64; 2], size: &SearchSize) {
         let corner = [0, 1].map(|axis| target[axis] - size.reach[axis] as i64);
         for (row, scores) in (corner[1]..).zip(self.scores.chunks_exact_mut(size.columns())) {
             for (column, score) in (corner[0]..).zip(scores) {
-                if !to.is_usable([column, row]) {
+                if !to.is_usable([column * texels, row * texels]) {
                     *score = 0.0;
                 }
             }
@@ -166,23 +248,6 @@ impl SearchSize {
     /// Columns and rows of the search window.
     fn span(&self) -> [usize; 2] {
         self.reach.map(|reach| 2 * reach + 1)
-    }
-}
-
-/// Copies a rectangle of a patch; what lies beyond the patch stays as it was.
-fn copy_rectangle(from: &Plane, corner: [i64; 2], [width, height]: [usize; 2], target: &mut [f32], stride: usize) {
-    let skip = (-corner[0]).clamp(0, width as i64) as usize;
-    let end = (from.width as i64 - corner[0]).clamp(0, width as i64) as usize;
-    if skip >= end {
-        return;
-    }
-    for (offset, row) in target.chunks_exact_mut(stride).take(height).enumerate() {
-        let source_row = corner[1] + offset as i64;
-        if source_row >= 0 && (source_row as usize) < from.height {
-            let start = (corner[0] + skip as i64) as usize;
-            let source = &from.row(source_row as usize)[start..start + end - skip];
-            row[skip..end].copy_from_slice(source);
-        }
     }
 }
 
