@@ -9,82 +9,79 @@ use super::wall::{BLOCK, Footprint, WallGrid};
 /// Added before the logarithm, grey levels: keeps the noise of dark pixels from being blown up.
 const LOG_OFFSET: f32 = 8.0;
 
-/// Entries of the logarithm's table per grey level.
-const LOG_STEPS: usize = 16;
+/// Steps per grey level.
+const LEVEL_STEPS: u16 = 16;
 
-/// Returns the logarithm of a photo, halved `halvings` times; NaN where the mask hides it.
-fn log_image(pixels: &Pixels<'_>, halvings: u32) -> Plane {
-    let table: Vec<f32> =
-        (0..=256 * LOG_STEPS).map(|index| (index as f32 / LOG_STEPS as f32 + LOG_OFFSET).ln()).collect();
-    let (grey, mask) = (&*pixels.grey, pixels.mask.as_deref());
-    let (mut width, mut height) = (grey.width, grey.height);
-    if halvings == 0 {
-        let logs: [f32; 256] = std::array::from_fn(|level| table[level * LOG_STEPS]);
-        let log = |&level: &u8| logs[usize::from(level)];
-        let hidden = |(level, &mask): (&u8, &u8)| if mask < 128 { f32::NAN } else { log(level) };
-        let data = match mask {
-            Some(mask) => grey.data.iter().zip(&mask.data).map(hidden).collect(),
-            None => grey.data.iter().map(log).collect(),
+/// A photo, halved until its pixels are about as large as the grid's texels.
+///
+/// The logarithm is taken where a pixel is read: the photo itself stays small enough for the cache.
+struct Image {
+    width: usize,
+    height: usize,
+    /// In steps; 0 where the mask hides the photo, at least 1 elsewhere.
+    levels: Vec<u16>,
+    /// Logarithm by level; NaN for a hidden pixel.
+    logarithms: Box<[f32; 256 * LEVEL_STEPS as usize]>,
+}
+
+impl Image {
+    fn new(pixels: &Pixels<'_>, halvings: u32) -> Self {
+        let grey = &*pixels.grey;
+        let level = |&level: &u8| (u16::from(level) * LEVEL_STEPS).max(1);
+        let levels = match pixels.mask.as_deref() {
+            Some(mask) => {
+                let shown = grey.data.iter().zip(&mask.data);
+                shown.map(|(grey, &mask)| if mask < 128 { 0 } else { level(grey) }).collect()
+            }
+            None => grey.data.iter().map(level).collect(),
         };
-        return Plane { width, height, data };
+        let logarithm = |level: usize| {
+            if level == 0 { f32::NAN } else { (level as f32 / f32::from(LEVEL_STEPS) + LOG_OFFSET).ln() }
+        };
+        let logarithms = Box::new(std::array::from_fn(logarithm));
+        let mut image = Self { width: grey.width, height: grey.height, levels, logarithms };
+        for _ in 0..halvings {
+            image.halve();
+        }
+        image
     }
-    let mut data = halved(&grey.data, width, height);
-    let mut mask = mask.map(|mask| halved_mask(&mask.data, width, height));
-    (width, height) = (width / 2, height / 2);
-    for _ in 1..halvings {
-        data = halved(&data, width, height);
-        mask = mask.map(|mask| halved_mask(&mask, width, height));
-        (width, height) = (width / 2, height / 2);
-    }
-    for value in &mut data {
-        *value = table[((*value * LOG_STEPS as f32 + 0.5) as usize).min(table.len() - 1)];
-    }
-    for (value, _) in data.iter_mut().zip(mask.iter().flatten()).filter(|(_, mask)| **mask < 128) {
-        *value = f32::NAN;
-    }
-    Plane { width, height, data }
-}
 
-/// Bilinear sample at a position counted from the first pixel's centre; NaN outside or beside a pixel that is NaN.
-#[inline]
-fn sample(image: &Plane, x: f32, y: f32) -> f32 {
-    let (width, height) = (image.width, image.height);
-    // Also false for NaN.
-    if !(x >= 0.0 && y >= 0.0 && x < (width - 1) as f32 && y < (height - 1) as f32) {
-        return f32::NAN;
+    /// Takes the means of two by two pixels, hidden where one of them is.
+    fn halve(&mut self) {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let mut halved = Vec::with_capacity(width * height);
+        for rows in self.levels[..2 * self.width * height].chunks_exact(2 * self.width) {
+            let (upper, lower) = rows.split_at(self.width);
+            let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
+            halved.extend(pairs.map(|(&[a, b], &[c, d])| {
+                let hidden = a.min(b).min(c).min(d) == 0;
+                if hidden { 0 } else { (a + b + c + d + 2) >> 2 }
+            }));
+        }
+        (self.width, self.height, self.levels) = (width, height, halved);
     }
-    let (column, row) = (x as usize, y as usize);
-    let (tx, ty) = (x - column as f32, y - row as f32);
-    let index = row * width + column;
-    let top = &image.data[index..index + 2];
-    let bottom = &image.data[index + width..index + width + 2];
-    let upper = top[0] + tx * (top[1] - top[0]);
-    let lower = bottom[0] + tx * (bottom[1] - bottom[0]);
-    upper + ty * (lower - upper)
-}
 
-/// Means of two by two pixels.
-fn halved<S: Copy + Into<f32>>(source: &[S], width: usize, height: usize) -> Vec<f32> {
-    let mut out = Vec::with_capacity((width / 2) * (height / 2));
-    for rows in source[..height / 2 * 2 * width].chunks_exact(2 * width) {
-        let (upper, lower) = rows.split_at(width);
-        let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
-        out.extend(pairs.map(|(upper, lower)| {
-            let [a, b, c, d] = [upper[0], upper[1], lower[0], lower[1]].map(Into::into);
-            0.25 * (a + b + c + d)
-        }));
+    /// Bilinear sample of the logarithm at a position counted from the first pixel's centre; NaN outside or beside a hidden
+    /// pixel.
+    #[inline]
+    fn sample(&self, x: f32, y: f32) -> f32 {
+        let (width, height) = (self.width, self.height);
+        // Also false for NaN.
+        if !(x >= 0.0 && y >= 0.0 && x < (width - 1) as f32 && y < (height - 1) as f32) {
+            return f32::NAN;
+        }
+        // Positions are small and not negative: through i32 the conversions are one instruction each.
+        let (column, row) = (x as i32, y as i32);
+        let (tx, ty) = (x - column as f32, y - row as f32);
+        let index = row as usize * width + column as usize;
+        let log = |level: u16| self.logarithms[usize::from(level) % self.logarithms.len()];
+        let [top, bottom] = [index, index + width].map(|left| {
+            let pair = &self.levels[left..left + 2];
+            let (left, right) = (log(pair[0]), log(pair[1]));
+            left + tx * (right - left)
+        });
+        top + ty * (bottom - top)
     }
-    out
-}
-
-fn halved_mask(mask: &[u8], width: usize, height: usize) -> Vec<u8> {
-    let mut out = Vec::with_capacity((width / 2) * (height / 2));
-    for rows in mask[..height / 2 * 2 * width].chunks_exact(2 * width) {
-        let (upper, lower) = rows.split_at(width);
-        let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
-        out.extend(pairs.map(|(upper, lower)| upper[0].min(upper[1]).min(lower[0]).min(lower[1])));
-    }
-    out
 }
 
 /// Returns the logarithm of the photo on the footprint's window of the grid; NaN where it does not see the wall.
@@ -100,7 +97,7 @@ pub(super) fn rectify(
     let texel_px = grid.step_m * focal_px / footprint.distance_m;
     // Halve when a texel is at least about 1.6 pixels wide.
     let halvings = (texel_px.log2() - 0.2).round().clamp(0.0, 6.0) as u32;
-    let image = log_image(pixels, halvings);
+    let image = Image::new(pixels, halvings);
     let knots = Knots::new(grid, tunnel_from_cam, footprint, 0.5_f64.powi(halvings as i32));
     let weights: [[f32; 4]; BLOCK] = std::array::from_fn(|phase| cubic_weights(phase as f32 / BLOCK as f32));
     let [blocks_wide, blocks_high] = footprint.size;
@@ -118,7 +115,7 @@ pub(super) fn rectify(
             let target = &mut plane.row_mut(block_row * BLOCK + phase)[start..start + BLOCK];
             for (((value, &x), &y), &facing) in target.iter_mut().zip(&xs).zip(&ys).zip(facing) {
                 if facing {
-                    *value = sample(&image, x, y);
+                    *value = image.sample(x, y);
                 }
             }
         }

@@ -139,16 +139,17 @@ impl Search {
         self.template.resize(side * stride, 0.0);
         let corner = middle.map(|middle| middle - size.half as i64);
         from.copy_rectangle(corner, [side; 2], &mut self.template, stride);
+        let [sum, squares] = Arch::new().dispatch(
+            #[inline(always)]
+            || sums(&self.template),
+        );
         let area = (side * side) as f32;
-        let mean = self.template.iter().sum::<f32>() / area;
-        let mut squares = 0.0;
+        let mean = sum / area;
         for row in self.template.chunks_exact_mut(stride) {
-            for value in &mut row[..side] {
-                *value -= mean;
-                squares += *value * *value;
-            }
+            row[..side].iter_mut().for_each(|value| *value -= mean);
         }
-        (squares > MIN_VARIANCE * area).then(|| squares.sqrt().recip())
+        let deviation = squares - sum * mean;
+        (deviation > MIN_VARIANCE * area).then(|| deviation.sqrt().recip())
     }
 
     fn take_window(&mut self, to: &Texels, target: [i64; 2], size: &SearchSize) {
@@ -288,6 +289,20 @@ impl WithSimd for Correlate<'_> {
             }
         }
     }
+}
+
+/// Sums of values and of their squares, in as many parts as a vector has lanes.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn sums(values: &[f32]) -> [f32; 2] {
+    let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
+    for chunk in values.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            sums[lane] += chunk[lane];
+            squares[lane] += chunk[lane] * chunk[lane];
+        }
+    }
+    [sums.iter().sum(), squares.iter().sum()]
 }
 
 /// Moves the sums of the window's columns on to the rows of an offset, from those of the offset before.

@@ -10,6 +10,9 @@ use super::filter::Plane;
 /// saturates.
 const STEPS: f32 = 32.0;
 
+/// Added to a small number it leaves the nearest whole one in the lowest bits; unlike a cast, compilers turn this into vectors.
+const ROUNDING: f32 = 1.5 * (1 << 23) as f32;
+
 /// A row-major grid of the normalised band.
 #[derive(Debug)]
 pub(super) struct Texels {
@@ -27,8 +30,8 @@ impl Texels {
             #[inline(always)]
             || {
                 for (texel, value) in data.iter_mut().zip(&band.data) {
-                    // A cast to a byte saturates.
-                    *texel = (STEPS * value).round_ties_even() as i8;
+                    let steps = (STEPS * value).clamp(f32::from(i8::MIN), f32::from(i8::MAX));
+                    *texel = (steps + ROUNDING).to_bits() as i8;
                 }
             },
         );
