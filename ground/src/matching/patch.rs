@@ -50,7 +50,8 @@ impl Patch {
     pub(super) fn is_usable(&self, [column, row]: [i64; 2]) -> bool {
         let (width, height) = (self.texels.width as i64, self.texels.height as i64);
         let inside = column >= 0 && row >= 0 && column < width && row < height;
-        inside && self.usable[row as usize / DECIMATION * (self.texels.width / DECIMATION) + column as usize / DECIMATION]
+        inside
+            && self.usable[row as usize / DECIMATION * (self.texels.width / DECIMATION) + column as usize / DECIMATION]
     }
 }
 

@@ -103,7 +103,8 @@ pub(super) fn rectify(
     let [blocks_wide, blocks_high] = footprint.size;
     let (width, height) = (blocks_wide * BLOCK, blocks_high * BLOCK);
     let mut plane = Plane { width, height, data: vec![f32::NAN; width * height] };
-    for (block_row, block_column) in (0..blocks_high).flat_map(|row| (0..blocks_wide).map(move |column| (row, column))) {
+    for (block_row, block_column) in (0..blocks_high).flat_map(|row| (0..blocks_wide).map(move |column| (row, column)))
+    {
         if !footprint.sees_around([block_column, block_row]) {
             continue;
         }
@@ -145,12 +146,20 @@ impl Knots {
         let mut knots = Self { pixels: [unknown.clone(), unknown], facing: vec![false; width * rows] };
         let centre = Point3::from(tunnel_from_cam.translation.vector);
         let cam_from_tunnel = tunnel_from_cam.inverse();
+        // Of each column of blocks, those around which something is seen and the next on both sides.
+        let needed: Vec<_> = (0..footprint.size[0])
+            .map(|block_column| {
+                let seen = |row: &usize| footprint.sees_around([block_column, *row]);
+                let first = (0..footprint.size[1]).find(seen).unwrap_or(rows);
+                first..(0..footprint.size[1]).rfind(seen).map_or(rows, |last| last + 4)
+            })
+            .collect();
         let [column0, row0] = footprint.block0.map(|block| (block * BLOCK as i64) as f64);
         for column in 0..width {
             let s = column0 + column as f64;
             let Some(start) = grid.point(s, row0 - BLOCK as f64) else { continue };
             let open = grid.is_open(s, &centre);
-            for knot in 0..rows {
+            for knot in needed[column / BLOCK].clone() {
                 let mut point = start;
                 point.position.x += (knot * BLOCK) as f64 * grid.step_m;
                 let in_cam = cam_from_tunnel.transform_point(&point.position).coords;
@@ -189,7 +198,35 @@ fn cubic_weights(t: f32) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
+    use std::borrow::Cow;
+
     use super::*;
+    use crate::raster::{Luma, Mask};
+
+    #[test]
+    fn a_sample_is_bilinear_in_the_logarithm_and_nan_beside_what_is_hidden_and_beyond_the_border() {
+        let mut mask = Mask { width: 4, height: 2, data: vec![255; 8] };
+        mask.data[3] = 0;
+        let grey = Luma { width: 4, height: 2, data: vec![0, 10, 20, 30, 40, 50, 60, 70] };
+        let pixels = Pixels { grey: Cow::Owned(grey), mask: Some(Cow::Owned(mask)) };
+        let image = Image::new(&pixels, 0);
+        let log = |level: f32| (level + LOG_OFFSET).ln();
+        let upper = log(10.0) + 0.25 * (log(20.0) - log(10.0));
+        let lower = log(50.0) + 0.25 * (log(60.0) - log(50.0));
+        assert!((image.sample(1.25, 0.5) - 0.5 * (upper + lower)).abs() < 1e-6);
+        assert!((image.sample(1.0, 0.0) - log(10.0)).abs() < 1e-6);
+        for x in [2.5, -0.1, 3.0, f32::NAN] {
+            assert!(image.sample(x, 0.5).is_nan(), "at {x}");
+        }
+    }
+
+    #[test]
+    fn halving_takes_means_and_hides_what_is_partly_hidden() {
+        let mask = Mask { width: 4, height: 2, data: vec![255, 255, 255, 0, 255, 255, 255, 255] };
+        let grey = Luma { width: 4, height: 2, data: vec![10, 20, 1, 1, 30, 41, 1, 1] };
+        let image = Image::new(&Pixels { grey: Cow::Owned(grey), mask: Some(Cow::Owned(mask)) }, 1);
+        assert_eq!((image.width, image.height, &image.levels[..]), (2, 1, &[404, 0][..]));
+    }
 
     #[test]
     fn the_cubic_passes_through_a_cubic() {

@@ -121,7 +121,8 @@ impl Search {
                 }
                 let rows = row.saturating_sub(1)..(row + 2).min(span[1]);
                 let beside = column.saturating_sub(1)..(column + 2).min(span[0]);
-                let exceeds = |row: usize| self.scores[row * columns..][beside.clone()].iter().any(|&other| other > score);
+                let exceeds =
+                    |row: usize| self.scores[row * columns..][beside.clone()].iter().any(|&other| other > score);
                 if !rows.into_iter().any(exceeds) {
                     let rank = highest.partition_point(|(other, _)| *other >= score);
                     highest[rank..].rotate_right(1);
@@ -282,7 +283,8 @@ impl WithSimd for Correlate<'_> {
                     let window_row = &window_row[start..start + template_stride + GROUP];
                     row_products(simd, template_row, window_row, &mut sums);
                 }
-                let norms = inverse_norms(&column_sums.each_ref().map(|sums| &sums[start..start + side + GROUP - 1]), side);
+                let norms =
+                    inverse_norms(&column_sums.each_ref().map(|sums| &sums[start..start + side + GROUP - 1]), side);
                 for ((score, sum), norm) in scores.iter_mut().zip(sums).zip(norms) {
                     *score = simd.reduce_sum_f32s(sum) * contrast * norm;
                 }

@@ -55,7 +55,13 @@ impl Texels {
     }
 
     /// Copies a rectangle in standard deviations; what lies beyond the grid stays as it was in `target`.
-    pub(super) fn copy_rectangle(&self, corner: [i64; 2], [width, height]: [usize; 2], target: &mut [f32], stride: usize) {
+    pub(super) fn copy_rectangle(
+        &self,
+        corner: [i64; 2],
+        [width, height]: [usize; 2],
+        target: &mut [f32],
+        stride: usize,
+    ) {
         let skip = (-corner[0]).clamp(0, width as i64) as usize;
         let end = (self.width as i64 - corner[0]).clamp(0, width as i64) as usize;
         if skip >= end {
@@ -100,13 +106,21 @@ mod tests {
         let mut target = [0.0; 8];
         ramp.halved().copy_rectangle([0, 0], [4, 2], &mut target, 4);
         let expected = [0.5625, 0.8125, 1.0625, 1.3125, 2.5625, 2.8125, 3.0625, 3.3125];
-        assert!(target.iter().zip(expected).all(|(value, expected)| (value - expected).abs() <= 0.5 / STEPS), "{target:?}");
+        assert!(
+            target.iter().zip(expected).all(|(value, expected)| (value - expected).abs() <= 0.5 / STEPS),
+            "{target:?}"
+        );
     }
 
     #[test]
     fn what_stands_out_too_far_saturates() {
         let mut target = [0.0; 2];
-        Texels::new(&Plane { width: 2, height: 1, data: vec![-50.0, 50.0] }).copy_rectangle([0, 0], [2, 1], &mut target, 2);
+        Texels::new(&Plane { width: 2, height: 1, data: vec![-50.0, 50.0] }).copy_rectangle(
+            [0, 0],
+            [2, 1],
+            &mut target,
+            2,
+        );
         assert_eq!(target, [-4.0, 127.0 / 32.0]);
     }
 }

@@ -158,6 +158,8 @@ impl Run<'_> {
         if self.ends_with(Stage::Adjust) {
             return Ok(());
         }
+        // Its photos are decoded in grey: the panorama has no use for them.
+        drop(solver);
         self.picture_stages(survey, &adjusted.reconstruction, key)
     }
 
