@@ -90,7 +90,7 @@ pub fn profile_json(profile: &ProfileSpec<f64>) -> Value {
 }
 
 /// Square cells over the unrolled wall; a whole number of cells goes around, columns wrap.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Lattice {
     /// Width of a cell around the wall.
     pub(crate) step_s_m: f64,
