@@ -32,11 +32,13 @@ pub(crate) use coverage::{COVERAGE_COLOURS, measure, picture};
 pub use coverage::{Coverage, Hole, clock_position};
 pub use error::TextureError;
 pub(crate) use error::at_path;
-pub(crate) use grid::Lattice;
+pub(crate) use grid::{Lattice, WallPoint, wall_at};
 pub use grid::{PanoramaGrid, profile_json};
 pub use sink::Sheet;
 pub use tiles::{PixelBox, Rgba8, TILE_PX, TileReader};
 pub(crate) use tiles::{read_png, write_png};
+pub(crate) use usable::Usable;
+pub(crate) use view::{Footprint, View};
 
 use crate::poses::Reconstruction;
 use crate::survey::{Loss, Survey};

@@ -29,8 +29,8 @@ const EDGE_FLOOR: f32 = 0.02;
 
 /// A photo's camera and pose, made for projecting many wall points.
 #[derive(Clone)]
-pub(super) struct View {
-    pub(super) camera: Camera<f64>,
+pub(crate) struct View {
+    pub(crate) camera: Camera<f64>,
     cam_from_tunnel: Matrix3<f64>,
     centre_in_tunnel: Vector3<f64>,
     /// Factor on the quality: below 1 for poses that are less certain than others.
@@ -40,13 +40,13 @@ pub(super) struct View {
 /// What a photo covers: a box in arc length (not wrapped, around the photo's own middle) and along the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(clippy::struct_field_names, reason = "the unit is part of every name")]
-pub(super) struct Footprint {
-    pub(super) s_m: [f64; 2],
-    pub(super) x_m: [f64; 2],
+pub(crate) struct Footprint {
+    pub(crate) s_m: [f64; 2],
+    pub(crate) x_m: [f64; 2],
     /// Where the optical axis meets the wall, along the axis.
-    pub(super) axis_x_m: f64,
+    pub(crate) axis_x_m: f64,
     /// Photo pixels per metre of wall where the optical axis meets it.
-    pub(super) axis_density_per_m: f64,
+    pub(crate) axis_density_per_m: f64,
 }
 
 /// A place of a lattice as a photo shows it.
@@ -81,23 +81,33 @@ impl Footprint {
 }
 
 impl View {
-    pub(super) fn new(camera: Camera<f64>, tunnel_from_cam: &Isometry3<f64>, trust: f32) -> Self {
+    pub(crate) fn new(camera: Camera<f64>, tunnel_from_cam: &Isometry3<f64>, trust: f32) -> Self {
         let cam_from_tunnel = *tunnel_from_cam.rotation.inverse().to_rotation_matrix().matrix();
         Self { camera, cam_from_tunnel, centre_in_tunnel: tunnel_from_cam.translation.vector, trust }
     }
 
     /// A wall point at x = 0 in the camera frame; [`Self::forward_in_cam`] times x is to be added.
-    pub(super) fn section_in_cam(&self, point: SectionVector<f64>) -> Vector3<f64> {
+    pub(crate) fn section_in_cam(&self, point: SectionVector<f64>) -> Vector3<f64> {
         self.cam_from_tunnel * (Vector3::new(0.0, point.x, point.y) - self.centre_in_tunnel)
     }
 
     /// The tunnel's x axis in the camera frame.
-    pub(super) fn forward_in_cam(&self) -> Vector3<f64> {
+    pub(crate) fn forward_in_cam(&self) -> Vector3<f64> {
         self.cam_from_tunnel.column(0).into_owned()
     }
 
+    /// A direction of the tunnel frame in the camera frame.
+    pub(crate) fn turned_into_cam(&self, in_tunnel: &Vector3<f64>) -> Vector3<f64> {
+        self.cam_from_tunnel * in_tunnel
+    }
+
+    /// The optical centre in the tunnel frame.
+    pub(crate) fn centre_in_tunnel(&self) -> Vector3<f64> {
+        self.centre_in_tunnel
+    }
+
     /// Finds the box of wall that the photo covers, or `None` if its optical axis meets no wall.
-    pub(super) fn footprint(&self, profile: &Profile<f64>) -> Option<Footprint> {
+    pub(crate) fn footprint(&self, profile: &Profile<f64>) -> Option<Footprint> {
         let (width, height) = (f64::from(self.camera.width_px), f64::from(self.camera.height_px));
         let middle = self.cast(profile, &Vector2::new(width * 0.5, height * 0.5))?;
         let mut hits = vec![middle];
