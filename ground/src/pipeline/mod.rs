@@ -25,7 +25,7 @@ use crate::files::write_whole;
 use crate::model::{self, ModelOptions, ModelReport};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction, write_poses};
 use crate::report::{self, ReportInput};
-use crate::surface::{self, SurfaceOptions, SurfaceReport};
+use crate::surface::{self, SurfaceOptions, SurfaceReport, SurfaceStore};
 use crate::survey::{self, Loss, Survey};
 use crate::texture::{self, TextureOptions, TextureProgress, TextureReport};
 
@@ -186,7 +186,8 @@ impl Run<'_> {
                 TextureProgress::Total(total) => progress.restart(total),
                 TextureProgress::Step => progress.tick(),
             };
-            Ok(texture::build(survey, reconstruction, &options, out, &tell)?)
+            let surface = SurfaceStore::open(out)?;
+            Ok(texture::build(survey, reconstruction, &surface, &options, out, &tell)?)
         };
         let textured = self.stage(Stage::Texture, key, 0, &files, compute, say_texture)?;
         self.summary.losses.extend(textured.losses.iter().cloned());
@@ -198,7 +199,7 @@ impl Run<'_> {
         let files = ["model.glb", "model.obj", "points.ply", "colmap/points3D.txt"];
         let compute = |_: &StageProgress| {
             model::colmap::write(reconstruction, &out.join("colmap"))?;
-            Ok(model::write(reconstruction, &textured.grid, &options, out)?)
+            Ok(model::write(&SurfaceStore::open(out)?, &textured.grid, &options, out)?)
         };
         self.stage(Stage::Model, key, 0, &files, compute, say_model)?;
         if self.ends_with(Stage::Model) {

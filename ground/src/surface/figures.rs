@@ -47,7 +47,7 @@ pub struct SurfaceReport {
     pub known_area_m2: f64,
     /// Mean confidence of these.
     pub mean_confidence: f64,
-    /// The rings of a round tunnel; empty for other sections.
+    /// The rings of a round tunnel that were seen nearly all around; empty for other sections.
     pub rings: Vec<RingFigures>,
     /// Median over the rings; absent for other sections.
     pub median_ovality_percent: Option<f64>,
@@ -74,19 +74,24 @@ pub struct SurfaceReport {
 /// Extremes and sums, strip by strip.
 #[derive(Default)]
 pub(super) struct Tally {
-    pub(super) known: u64,
+    /// Known cells per row.
+    pub(super) known: Vec<u32>,
     pub(super) confidence: f64,
     pub(super) highest: ReliefExtreme,
     pub(super) deepest: ReliefExtreme,
 }
+
+/// Rings of which less is known have no ovality worth the name.
+const RING_SHARE: f64 = 0.75;
 
 /// Extremes are looked for among cells that are known at least so well.
 const SURE: f32 = 0.5;
 
 impl Tally {
     pub(super) fn add(&mut self, strip: &Strip, lattice: &Lattice, profile: &Profile<f64>) {
+        let rows = strip.confidence.chunks_exact(lattice.columns);
+        self.known.extend(rows.map(|row| row.iter().filter(|confidence| **confidence > 0.0).count() as u32));
         for (at, (&relief_m, &confidence)) in strip.relief_m.iter().zip(strip.confidence).enumerate() {
-            self.known += u64::from(confidence > 0.0);
             self.confidence += f64::from(confidence);
             let height_mm = f64::from(relief_m) * 1e3;
             let outside = height_mm > self.highest.height_mm || height_mm < self.deepest.height_mm;
@@ -101,16 +106,28 @@ impl Tally {
     }
 }
 
-/// The rings of a round tunnel; empty for other sections.
-pub(super) fn ring_figures(rings: &Rings, profile: &Profile<f64>) -> Vec<RingFigures> {
+/// The rings of a round tunnel of which the photos show [`RING_SHARE`]; empty for other sections.
+pub(super) fn ring_figures(
+    rings: &Rings,
+    profile: &Profile<f64>,
+    lattice: &Lattice,
+    known: &[u32],
+) -> Vec<RingFigures> {
     let Basis::Circle { perimeter_m } = Basis::of(profile) else { return Vec::new() };
     let radius_m = perimeter_m / std::f64::consts::TAU;
     let figures = |(index, terms): (usize, &Vec<f64>)| {
+        let x_m = rings.x0_m + index as f64 * rings.step_m;
+        let row = |x_m: f64| (((x_m - lattice.x0_m) / lattice.step_x_m).max(0.0) as usize).min(known.len());
+        let rows = &known[row(x_m - 0.5 * rings.step_m)..row(x_m + 0.5 * rings.step_m)];
+        let share = f64::from(rows.iter().sum::<u32>()) / (rows.len().max(1) * lattice.columns) as f64;
+        if share < RING_SHARE {
+            return None;
+        }
         let [offset, crown, right, cos, sin] = *terms.as_slice() else { return None };
         // A height is inwards: the radius shrinks by it, and the longest axis is where the harmonic is lowest.
         let amplitude = cos.hypot(sin);
         Some(RingFigures {
-            x_m: rings.x0_m + index as f64 * rings.step_m,
+            x_m,
             radius_mm: -offset * 1e3,
             ovality_percent: 200.0 * amplitude / (radius_m - offset),
             long_axis_deg: (-sin).atan2(-cos).to_degrees().rem_euclid(360.0) * 0.5,
@@ -146,7 +163,10 @@ mod tests {
         let profile = ProfileSpec::Circle { radius_m: 3.0 }.build().unwrap();
         // Crown and invert 30 mm inwards, sides 30 mm outwards; everything 5 mm right and 7 mm down.
         let terms = vec![vec![0.0, 0.007, -0.005, 0.03, 0.0]];
-        let [ring] = ring_figures(&Rings { x0_m: 0.0, step_m: 0.5, terms }, &profile)[..] else { panic!("one ring") };
+        let rings = Rings { x0_m: 0.0, step_m: 0.5, terms };
+        let lattice = Lattice { step_s_m: 0.1, step_x_m: 0.1, columns: 188, rows: 4, x0_m: -0.2 };
+        assert!(ring_figures(&rings, &profile, &lattice, &[100; 4]).is_empty());
+        let [ring] = ring_figures(&rings, &profile, &lattice, &[180; 4])[..] else { panic!("one ring") };
         assert!((ring.ovality_percent - 2.0).abs() < 1e-9 && (ring.long_axis_deg - 90.0).abs() < 1e-9, "{ring:?}");
         assert!((ring.shift_mm[0] - 5.0).abs() < 1e-9 && (ring.shift_mm[1] - 7.0).abs() < 1e-9, "{ring:?}");
     }

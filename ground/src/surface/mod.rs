@@ -97,12 +97,13 @@ pub fn build(
     let store = SurfaceStore::open(out)?;
     output::write_tiff(&out.join("relief.tif"), &store, &lattice)?;
     let full_colour_m = output::write_picture(&out.join("relief.png"), &store, &lattice)?;
-    let rings = figures::ring_figures(&description.rings, &profile);
+    let rings = figures::ring_figures(&description.rings, &profile, &lattice, &tally.known);
+    let known = tally.known.iter().map(|row| f64::from(*row)).sum::<f64>();
     Ok(SurfaceReport {
         cell_mm: lattice.step_s_m * 1e3,
         cells: [lattice.columns, lattice.rows],
-        known_area_m2: tally.known as f64 * lattice.step_s_m * lattice.step_x_m,
-        mean_confidence: tally.confidence / tally.known.max(1) as f64,
+        known_area_m2: known * lattice.step_s_m * lattice.step_x_m,
+        mean_confidence: tally.confidence / known.max(1.0),
         median_ovality_percent: figures::median_ovality(&rings),
         median_height_mm: figures::median_height_mm(&description.rings, &profile, &lattice),
         rings,

@@ -54,6 +54,14 @@ struct Cells {
     confidence: Vec<f32>,
 }
 
+/// One line around the wall, for looking up many heights of the same station.
+#[derive(Clone, Debug)]
+pub(crate) struct HeightLine {
+    step_s_m: f64,
+    /// Per column of cells; empty on a flat wall.
+    height_m: Vec<f32>,
+}
+
 /// A place of the wall in space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallPlace {
@@ -93,11 +101,6 @@ impl SurfaceStore {
     /// The section over which heights are counted.
     pub fn profile(&self) -> &Profile<f64> {
         &self.profile
-    }
-
-    /// The lattice of the measured cells and the rings; `None` for a flat wall.
-    pub(crate) fn measured(&self) -> Option<(&Lattice, &Rings)> {
-        self.measured.as_ref().map(|(description, _)| (&description.lattice, &description.rings))
     }
 
     /// Reads the stretch `[from, to]` along the axis, metres; outside of what was measured the wall goes on as at the
@@ -141,6 +144,24 @@ impl SurfaceWindow<'_> {
         self.cells.as_ref().map_or(0.0, |cells| cells.sample(&cells.height_m, s_m, x_m))
     }
 
+    /// The heights at one station.
+    pub(crate) fn line(&self, x_m: f64) -> HeightLine {
+        let Some(cells) = &self.cells else { return HeightLine { step_s_m: 1.0, height_m: Vec::new() } };
+        let row = (x_m - cells.lattice.x0_m) / cells.lattice.step_x_m - 0.5;
+        let share = (row - row.floor()) as f32;
+        let line = |row: f64| &cells.height_m[cells.row(row) * cells.lattice.columns..][..cells.lattice.columns];
+        let lines = line(row.floor()).iter().zip(line(row.floor() + 1.0));
+        HeightLine {
+            step_s_m: cells.lattice.step_s_m,
+            height_m: lines.map(|(upper, lower)| upper + share * (lower - upper)).collect(),
+        }
+    }
+
+    /// The section over which heights are counted.
+    pub(crate) fn profile(&self) -> &Profile<f64> {
+        self.profile
+    }
+
     /// The part of the height that is not the ring's, metres, positive inwards; `None` where it is not known.
     pub fn relief_m(&self, s_m: f64, x_m: f64) -> Option<f64> {
         let cells = self.cells.as_ref()?;
@@ -180,6 +201,20 @@ impl SurfaceWindow<'_> {
             (at(s_m + half[0], x_m) - at(s_m - half[0], x_m)) / (2.0 * half[0]),
             (at(s_m, x_m + half[1]) - at(s_m, x_m - half[1])) / (2.0 * half[1]),
         )
+    }
+}
+
+impl HeightLine {
+    /// As [`SurfaceWindow::height_m`].
+    pub(crate) fn at(&self, s_m: f64) -> f64 {
+        if self.height_m.is_empty() {
+            return 0.0;
+        }
+        let column = s_m / self.step_s_m - 0.5;
+        let left = column.floor();
+        let wrap = |column: i64| f64::from(self.height_m[column.rem_euclid(self.height_m.len() as i64) as usize]);
+        let (a, b) = (wrap(left as i64), wrap(left as i64 + 1));
+        a + (column - left) * (b - a)
     }
 }
 
@@ -243,5 +278,87 @@ impl StoreWriter {
         let json = serde_json::to_vec_pretty(description)
             .map_err(|source| SurfaceError::Json { path: path.clone(), source })?;
         crate::files::write_whole(&path, &json).map_err(at_path(&path))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PROFILE: ProfileSpec<f64> = ProfileSpec::Circle { radius_m: 3.0 };
+
+    /// A stored wall of 20 rows from x = 1 m: an oval of 30 mm with a relief of `relief(column, row)`; row 0 unknown.
+    fn stored(relief: impl Fn(usize, usize) -> f32) -> (tempfile::TempDir, Lattice) {
+        let columns = 100;
+        let step_m = 6.0 * std::f64::consts::PI / columns as f64;
+        let lattice = Lattice { step_s_m: step_m, step_x_m: step_m, columns, rows: 20, x0_m: 1.0 };
+        let out = tempfile::tempdir().unwrap();
+        let mut writer = StoreWriter::create(out.path()).unwrap();
+        for row in 0..lattice.rows {
+            let line: Vec<f32> = (0..columns).map(|column| relief(column, row)).collect();
+            writer.push_row(&line, &vec![if row == 0 { 0.0 } else { 0.75 }; columns]).unwrap();
+        }
+        let rings = Rings { x0_m: 0.0, step_m: 0.5, terms: vec![vec![0.0, 0.0, 0.0, 0.03, 0.0]; 2] };
+        writer.finish(&Description { format: 1, profile: PROFILE, lattice, rings }).unwrap();
+        (out, lattice)
+    }
+
+    #[test]
+    fn a_window_gives_ring_and_relief_of_its_stretch() {
+        let (out, lattice) = stored(|column, row| 0.001 * row as f32 + if column == 0 { 0.01 } else { 0.0 });
+        let store = SurfaceStore::open(out.path()).unwrap();
+        let x_m = lattice.x_m(12);
+        let window = store.window([x_m, x_m + 0.1]).unwrap();
+        let ring_m = |s_m: f64| 0.03 * (2.0 * s_m / 3.0).cos();
+        let (s_m, seam_m) = (lattice.s_m(40), lattice.s_m(0));
+        assert!((window.height_m(s_m, x_m) - ring_m(s_m) - 0.012).abs() < 1e-6);
+        assert!((window.relief_m(s_m, x_m).unwrap() - 0.012).abs() < 1e-6);
+        assert!((window.relief_m(seam_m, x_m).unwrap() - 0.022).abs() < 1e-6);
+        // Halfway over the seam, from either side.
+        for s_m in [0.0, store.profile().perimeter_m()] {
+            assert!((window.relief_m(s_m, x_m).unwrap() - 0.017).abs() < 1e-6);
+        }
+        assert!((window.confidence(s_m, x_m) - 0.75).abs() < 1e-6);
+        assert!((window.line(x_m).at(s_m) - window.height_m(s_m, x_m)).abs() < 1e-7);
+    }
+
+    #[test]
+    fn what_is_not_known_has_no_relief_but_a_height() {
+        let (out, lattice) = stored(|_, _| 0.004);
+        let store = SurfaceStore::open(out.path()).unwrap();
+        let window = store.window([0.0, 9.0]).unwrap();
+        assert_eq!(window.relief_m(2.0, lattice.x_m(0)), None);
+        assert!((window.height_m(0.0, -5.0) - 0.034).abs() < 1e-3);
+    }
+
+    #[test]
+    fn normals_lean_with_the_wall() {
+        let (out, lattice) = stored(|_, row| 0.01 * row as f32);
+        let store = SurfaceStore::open(out.path()).unwrap();
+        let x_m = lattice.x_m(10);
+        let place = store.window([x_m, x_m]).unwrap().point(0.0, x_m);
+        let slope = 0.01 / lattice.step_x_m;
+        assert!((place.position - Point3::new(x_m, 0.0, -2.87)).norm() < 1e-3, "{place:?}");
+        // At the crown inwards is down (z); the wall comes down as x grows, so it faces back.
+        let expected = Vector3::new(-slope, 0.0, 1.0).normalize();
+        assert!((place.normal - expected).norm() < 1e-3, "{place:?}");
+    }
+
+    #[test]
+    fn a_flat_wall_is_the_profile() {
+        let store = SurfaceStore::flat(&PROFILE).unwrap();
+        let window = store.window([0.0, 1.0]).unwrap();
+        let place = window.point(0.0, 0.5);
+        assert!((place.position - Point3::new(0.5, 0.0, -3.0)).norm() < 1e-9 && (place.normal.z - 1.0).abs() < 1e-9);
+        assert_eq!((window.relief_m(0.0, 0.5), window.height_m(0.0, 0.5)), (None, 0.0));
+    }
+
+    #[test]
+    fn a_file_cut_off_is_refused() {
+        let (out, _) = stored(|_, _| 0.0);
+        let path = out.path().join("surface").join(HEIGHTS);
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..bytes.len() - 4]).unwrap();
+        assert!(matches!(SurfaceStore::open(out.path()), Err(SurfaceError::Length { .. })));
     }
 }
