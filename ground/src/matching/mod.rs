@@ -43,6 +43,7 @@ mod patch;
 mod rectify;
 mod round;
 mod search;
+mod texels;
 mod wall;
 
 use std::borrow::Cow;
@@ -53,7 +54,7 @@ pub use config::MatchConfig;
 pub use round::match_round;
 
 use crate::adjust::Tracks;
-use crate::raster::{Grey, Mask};
+use crate::raster::{Luma, Mask};
 
 /// A photo's pose as known before the round, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -80,7 +81,7 @@ impl ViewPose {
 #[derive(Clone, Debug)]
 pub struct Pixels<'a> {
     /// Grey values 0 to 255, of the camera's size.
-    pub grey: Cow<'a, Grey>,
+    pub grey: Cow<'a, Luma>,
     /// Mask of the same size, if there is one.
     pub mask: Option<Cow<'a, Mask>>,
 }

@@ -1,6 +1,7 @@
 //! From tags and photos to poses: prior, coarse round, fine round, adjustment with pruning.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use adit_geometry::profile::Profile;
 use adit_geometry::rig::{ImageUp, Rig};
@@ -11,7 +12,7 @@ use nalgebra::{Isometry3, Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::groups::registered;
-use super::photos::{SurveyPhotos, size_of};
+use super::photos::{KeptPhotos, SurveyPhotos, size_of};
 use super::placing::Placing;
 use super::progress::StageProgress;
 use super::stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary};
@@ -86,6 +87,7 @@ pub struct Solver<'a> {
     /// The section in use.
     pub(super) profile: Profile<f64>,
     options: SolveOptions,
+    photos: Arc<KeptPhotos>,
 }
 
 impl<'a> Solver<'a> {
@@ -95,7 +97,7 @@ impl<'a> Solver<'a> {
     /// If the survey's section cannot be built.
     pub fn new(survey: &'a Survey, options: SolveOptions) -> Result<Self> {
         let profile = survey.config.profile.build().context("survey.toml: [tunnel]")?;
-        Ok(Self { survey, profile, options })
+        Ok(Self { survey, profile, options, photos: Arc::new(KeptPhotos::new(survey)) })
     }
 
     /// The same with the section that the prior stage chose.
@@ -144,7 +146,8 @@ impl<'a> Solver<'a> {
         let size = estimate_size(&tags, &self.profile, config.sigma.range_m);
         let factor = size.filter(SizeEstimate::contradicts_nominal).map_or(1.0, |size| size.factor);
         let profile = config.profile.scaled(factor);
-        let resized = Self { profile: profile.build().context("the section")?, ..*self };
+        let resized =
+            Self { profile: profile.build().context("the section")?, photos: Arc::clone(&self.photos), ..*self };
         let views = resized.views(&tags, &self.shared_prior());
         Ok(PriorStage { tags, views, size, profile, tagged: true, losses: Vec::new() })
     }
@@ -321,12 +324,13 @@ impl<'a> Solver<'a> {
         let mut masked = vec![false; seen.len()];
         let mut held: Option<(PathBuf, Mask)> = None;
         for group in by_photo.chunk_by(|&a, &b| seen[a as usize].photo == seen[b as usize].photo) {
-            let photo = &self.survey.photos[seen[group[0] as usize].photo as usize];
-            let Some(path) = &photo.mask else { continue };
-            if held.as_ref().is_none_or(|(known, _)| known != path) {
+            let photo = seen[group[0] as usize].photo as usize;
+            let Some(path) = &self.survey.photos[photo].mask else { continue };
+            let kept = self.photos.mask(photo);
+            if kept.is_none() && held.as_ref().is_none_or(|(known, _)| known != path) {
                 held = Some((path.clone(), load_mask(path, size_of(self.survey))?));
             }
-            let Some((_, mask)) = &held else { continue };
+            let Some(mask) = kept.or(held.as_ref().map(|(_, mask)| mask)) else { continue };
             for &index in group {
                 masked[index as usize] = hides(mask, seen[index as usize].pixel);
             }
@@ -381,7 +385,7 @@ impl<'a> Solver<'a> {
         wanted: &dyn Fn([usize; 2]) -> bool,
         progress: &StageProgress,
     ) -> (MatchRound, Vec<Loss>) {
-        let photos = SurveyPhotos::new(self.survey, self.options.prune_mask);
+        let photos = SurveyPhotos::new(self.survey, &self.photos, self.options.prune_mask);
         let camera = &self.survey.config.camera.camera;
         progress.restart(views.len());
         let views_photos = ViewsPhotos { photos: &photos, photo_of };
