@@ -10,6 +10,7 @@ mod adjustment;
 use adit_ground::adjust::{Covariances, adjust};
 use adit_ground::features::{OrbOptions, Orientation, SiftOptions, nearest, orb, sift};
 use adit_ground::matching::{MatchConfig, match_round};
+use adit_ground::raster::{Grey, Luma};
 use adit_ground::surface::{self, SurfaceOptions};
 use adit_ground::texture::{self, TextureOptions};
 use divan::Bencher;
@@ -38,7 +39,7 @@ fn match_twelve_photos(bencher: Bencher<'_, '_>, stage: &str) {
 #[divan::bench(args = ["sift", "sift free", "sift native", "orb"], sample_count = 10)]
 fn features_of_one_photo(bencher: Bencher<'_, '_>, class: &str) {
     let Some(sample) = support::load("cylinder-brick-spiral", 1) else { return };
-    let (grey, mask) = (&*sample.photos[0].grey, sample.photos[0].mask.as_deref());
+    let (grey, mask) = (&grey_of(&sample.photos[0].grey), sample.photos[0].mask.as_deref());
     let upright = SiftOptions::default();
     let options = match class {
         "sift free" => SiftOptions { orientation: Orientation::Free, ..upright },
@@ -52,17 +53,22 @@ fn features_of_one_photo(bencher: Bencher<'_, '_>, class: &str) {
     bencher.counter(ItemsCount::new(count())).bench(count);
 }
 
+/// The photo as the features take it.
+fn grey_of(luma: &Luma) -> Grey {
+    Grey { width: luma.width, height: luma.height, data: luma.data.iter().map(|&value| f32::from(value)).collect() }
+}
+
 /// Two nearest neighbours of every feature of one photo in another; items are comparisons.
 #[divan::bench(args = ["sift", "orb"], sample_count = 10)]
 fn nearest_neighbours(bencher: Bencher<'_, '_>, class: &str) {
     let Some(sample) = support::load("cylinder-brick-spiral", 2) else { return };
-    let photos = sample.photos.iter().map(|photo| &*photo.grey);
+    let photos = sample.photos.iter().map(|photo| grey_of(&photo.grey));
     if class == "orb" {
-        let found: Vec<_> = photos.map(|grey| orb(grey, None, &OrbOptions::default()).descriptors).collect();
+        let found: Vec<_> = photos.map(|grey| orb(&grey, None, &OrbOptions::default()).descriptors).collect();
         let bencher = bencher.counter(ItemsCount::new(found[0].len() * found[1].len()));
         bencher.bench(|| nearest::<2, _>(&found[0], &found[1]));
     } else {
-        let found: Vec<_> = photos.map(|grey| sift(grey, None, &SiftOptions::default()).descriptors).collect();
+        let found: Vec<_> = photos.map(|grey| sift(&grey, None, &SiftOptions::default()).descriptors).collect();
         let bencher = bencher.counter(ItemsCount::new(found[0].len() * found[1].len()));
         bencher.bench(|| nearest::<2, _>(&found[0], &found[1]));
     }

@@ -292,8 +292,8 @@ impl<'a> Placing<'a> {
         }
         let guessed = GUESSES.map(|guess| self.guessed(&lost, guess));
         let (mut trials, mut views) = (Vec::new(), Vec::new());
-        for photo in 0..lost.len() {
-            if lost[photo] {
+        for (photo, &is_lost) in lost.iter().enumerate() {
+            if is_lost {
                 trials.extend((0..GUESSES.len()).map(|guess| Trial { photo, guess: Some(guess) }));
                 views.extend(guessed.iter().map(|guessed| guessed.views[photo]));
             } else if self.placed[photo] {
