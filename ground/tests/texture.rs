@@ -9,7 +9,8 @@ use std::fs::{self, File};
 use std::path::Path;
 
 use adit_ground::model::{self, ModelOptions};
-use adit_ground::surface::{self, SurfaceOptions};
+use adit_ground::poses::PoseStatus;
+use adit_ground::surface::{self, SurfaceOptions, SurfaceStore};
 use adit_ground::texture::{self, PanoramaGrid, PixelBox, TextureError, TextureOptions, TextureReport, TileReader};
 use textured::{flat, load_textured};
 use tiff::decoder::{Decoder, DecodingResult};
@@ -168,4 +169,16 @@ fn a_wall_that_is_its_section_is_measured_flat() {
     let known_m2 = sizes_m.len() as f64 * (report.cell_mm * 1e-3).powi(2);
     assert!((known_m2 - report.known_area_m2).abs() < 0.01 && known_m2 > 25.0, "{known_m2} {report:?}");
     assert!(sizes_m[sizes_m.len() / 2] < 0.0015 && sizes_m[sizes_m.len() * 95 / 100] < 0.006, "{report:?}");
+}
+
+#[test]
+fn without_an_adjusted_pose_the_wall_is_its_section() {
+    let Some((survey, mut reconstruction)) = load_textured("cylinder-concrete-spiral", 3) else { return };
+    reconstruction.poses.iter_mut().for_each(|pose| pose.status = PoseStatus::PriorOnly);
+    let out = tempfile::tempdir().unwrap();
+    let report = surface::build(&survey, &reconstruction, &SurfaceOptions::default(), out.path(), &|_, _| ()).unwrap();
+    assert_eq!((report.photos_used, report.known_area_m2), (0, 0.0));
+    let store = SurfaceStore::open(out.path()).unwrap();
+    let window = store.window([-2.0, 2.0]).unwrap();
+    assert_eq!((window.height_m(3.0, 0.5), window.relief_m(3.0, 0.5)), (0.0, None));
 }

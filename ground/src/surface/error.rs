@@ -46,12 +46,6 @@ pub enum SurfaceError {
     /// The section of the reconstruction is not a profile.
     #[error("the reconstruction's section: {0}")]
     Profile(#[from] adit_geometry::profile::ProfileError),
-    /// Not one photo with an adjusted pose looks at the wall.
-    #[error("none of the {photos} photos has an adjusted pose that sees the wall")]
-    NothingSeen {
-        /// How many photos there are.
-        photos: usize,
-    },
 }
 
 /// Attaches the path to an I/O error.

@@ -57,8 +57,8 @@ impl Default for SurfaceOptions {
 /// done and to do.
 ///
 /// # Errors
-/// [`SurfaceError`] if no adjusted photo sees the wall or `out` cannot be written. Single photos that cannot be used are
-/// losses in the report.
+/// [`SurfaceError`] if `out` cannot be written. Photos that cannot be used are losses in the report; where no pose is
+/// adjusted nothing of the wall is known, and it is taken for its section.
 pub fn build(
     survey: &Survey,
     reconstruction: &Reconstruction,
@@ -68,8 +68,7 @@ pub fn build(
 ) -> Result<SurfaceReport, SurfaceError> {
     let profile = reconstruction.profile.build()?;
     let shots = photo::shots(survey, reconstruction, &profile);
-    let nothing_seen = SurfaceError::NothingSeen { photos: survey.photos.len() };
-    let Some((lattice, halvings)) = lattice(&shots, profile.perimeter_m(), options) else { return Err(nothing_seen) };
+    let (lattice, halvings) = lattice(&shots, profile.perimeter_m(), options);
     let rings = fit::fit(&reconstruction.tracks, &profile);
     let mut writer = StoreWriter::create(out)?;
     let mut tally = Tally::default();
@@ -115,20 +114,17 @@ pub fn build(
     })
 }
 
-/// The cells over everything that photos show, and how often photos are halved for their samples.
-fn lattice(shots: &[Shot], perimeter_m: f64, options: &SurfaceOptions) -> Option<(Lattice, u32)> {
+/// The cells over everything that photos show, and how often photos are halved for their samples. Without photos, a few
+/// cells of which nothing will be known.
+fn lattice(shots: &[Shot], perimeter_m: f64, options: &SurfaceOptions) -> (Lattice, u32) {
     let densities: Vec<f64> = shots.iter().map(|shot| shot.footprint.axis_density_per_m).collect();
-    let native_m = 1.0 / crate::adjust::median(&densities);
+    let native_m = if densities.is_empty() { perimeter_m } else { 1.0 / crate::adjust::median(&densities) };
     let sample_m = native_m.max(options.least_sample_m);
     let halvings = (sample_m / native_m).log2().round().max(0.0) as u32;
-    let ends = |end: usize| shots.iter().map(move |shot| shot.footprint.x_m[end]);
-    let (from_m, to_m) = (ends(0).fold(f64::INFINITY, f64::min), ends(1).fold(f64::NEG_INFINITY, f64::max));
-    if !(to_m > from_m) {
-        return None;
-    }
     let columns = (perimeter_m / (sample_m * sweep::FINE_SAMPLES as f64)).round().max(8.0);
     let step_m = perimeter_m / columns;
+    let from_m = shots.iter().map(|shot| shot.footprint.x_m[0]).reduce(f64::min).unwrap_or(0.0);
+    let to_m = shots.iter().map(|shot| shot.footprint.x_m[1]).reduce(f64::max).unwrap_or(0.0);
     let rows = ((to_m - from_m) / step_m).ceil().max(1.0) as usize;
-    let lattice = Lattice { step_s_m: step_m, step_x_m: step_m, columns: columns as usize, rows, x0_m: from_m };
-    Some((lattice, halvings))
+    (Lattice { step_s_m: step_m, step_x_m: step_m, columns: columns as usize, rows, x0_m: from_m }, halvings)
 }

@@ -119,7 +119,8 @@ mod tests {
         }
         let smoothed = smooth(&found, &vec![0.0; found.len()], COLUMNS);
         assert_eq!(smoothed.confidence[15 * COLUMNS + 7], 0.0);
-        assert!((smoothed.height_m[15 * COLUMNS + 7] - 0.02).abs() < 0.001);
+        // 50 mm off, believed with a fortieth of its weight.
+        assert!((smoothed.height_m[15 * COLUMNS + 7] - 0.02).abs() < 0.002);
         let hole = 12 * COLUMNS + 22;
         assert!((smoothed.height_m[hole] - 0.02).abs() < 0.002 && smoothed.confidence[hole] == 0.0);
     }
