@@ -9,7 +9,8 @@ mod adjustment;
 
 use adit_ground::adjust::{Covariances, adjust};
 use adit_ground::features::{OrbOptions, Orientation, SiftOptions, nearest, orb, sift};
-use adit_ground::matching::{MatchConfig, match_round};
+use adit_ground::matching::{MatchConfig, Pixels, match_round};
+use adit_ground::raster::{Grey, Luma};
 use adit_ground::texture::{self, TextureOptions};
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -33,11 +34,17 @@ fn match_twelve_photos(bencher: Bencher<'_, '_>, stage: &str) {
     });
 }
 
+/// A photo as the feature detectors take it.
+fn floating(pixels: &Pixels<'_>) -> Grey {
+    let Luma { width, height, data } = &*pixels.grey;
+    Grey { width: *width, height: *height, data: data.iter().copied().map(f32::from).collect() }
+}
+
 /// Detecting and describing one photo of 1000 x 750; the count says how many features came of it.
 #[divan::bench(args = ["sift", "sift free", "sift native", "orb"], sample_count = 10)]
 fn features_of_one_photo(bencher: Bencher<'_, '_>, class: &str) {
     let Some(sample) = support::load("cylinder-brick-spiral", 1) else { return };
-    let (grey, mask) = (&*sample.photos[0].grey, sample.photos[0].mask.as_deref());
+    let (grey, mask) = (&floating(&sample.photos[0]), sample.photos[0].mask.as_deref());
     let upright = SiftOptions::default();
     let options = match class {
         "sift free" => SiftOptions { orientation: Orientation::Free, ..upright },
@@ -55,13 +62,13 @@ fn features_of_one_photo(bencher: Bencher<'_, '_>, class: &str) {
 #[divan::bench(args = ["sift", "orb"], sample_count = 10)]
 fn nearest_neighbours(bencher: Bencher<'_, '_>, class: &str) {
     let Some(sample) = support::load("cylinder-brick-spiral", 2) else { return };
-    let photos = sample.photos.iter().map(|photo| &*photo.grey);
+    let photos = sample.photos.iter().map(floating);
     if class == "orb" {
-        let found: Vec<_> = photos.map(|grey| orb(grey, None, &OrbOptions::default()).descriptors).collect();
+        let found: Vec<_> = photos.map(|grey| orb(&grey, None, &OrbOptions::default()).descriptors).collect();
         let bencher = bencher.counter(ItemsCount::new(found[0].len() * found[1].len()));
         bencher.bench(|| nearest::<2, _>(&found[0], &found[1]));
     } else {
-        let found: Vec<_> = photos.map(|grey| sift(grey, None, &SiftOptions::default()).descriptors).collect();
+        let found: Vec<_> = photos.map(|grey| sift(&grey, None, &SiftOptions::default()).descriptors).collect();
         let bencher = bencher.counter(ItemsCount::new(found[0].len() * found[1].len()));
         bencher.bench(|| nearest::<2, _>(&found[0], &found[1]));
     }
