@@ -57,25 +57,36 @@ impl Patch {
 
 /// Blocks around which enough of a template has been seen, and has enough contrast.
 fn usable(band: &Band, half: usize) -> Vec<bool> {
-    let radius = block_radius(half);
-    let area = ((2 * radius + 1) * (2 * radius + 1)) as f32;
-    let counts = box_sums(&band.seen, radius);
-    let sums = box_sums(&decimated(&band.texels, |value| value), radius);
-    let squares = box_sums(&decimated(&band.texels, |value| value * value), radius);
+    let blocks = (2 * half + 1) as f32 / DECIMATION as f32;
+    let area = blocks * blocks;
+    let counts = template_sums(&band.seen, half);
+    let sums = template_sums(&decimated(&band.texels, |value| value), half);
+    let squares = template_sums(&decimated(&band.texels, |value| value * value), half);
     let is_usable = |((count, sum), square): ((&f32, &f32), &f32)| {
         *count >= MIN_SEEN * area && square - sum * sum / area > MIN_VARIANCE * area
     };
     counts.data.iter().zip(&sums.data).zip(&squares.data).map(is_usable).collect()
 }
 
-/// Half-width, in blocks, of the box nearest in size to one of half-width `half` texels.
-fn block_radius(half: usize) -> usize {
-    (half as f32 / DECIMATION as f32 - 0.375).round().max(0.0) as usize
+/// Sums over a template around each block's middle: between those of the boxes of whole blocks that are just smaller and larger.
+///
+/// The share that must be seen decides how near to a photo's border, where matches tell most about its rotation, points can lie.
+fn template_sums(plane: &Plane, half: usize) -> Plane {
+    let radius = half as f32 / DECIMATION as f32 - 0.375;
+    let smaller = radius.max(0.0).floor();
+    let areas = [smaller, smaller + 1.0, radius.max(0.0)].map(|radius| (2.0 * radius + 1.0) * (2.0 * radius + 1.0));
+    let share = (areas[2] - areas[0]) / (areas[1] - areas[0]);
+    let mut sums = box_sums(plane, smaller as usize);
+    for (sum, larger) in sums.data.iter_mut().zip(&box_sums(plane, smaller as usize + 1).data) {
+        *sum += share * (larger - *sum);
+    }
+    sums
 }
 
 /// The best corner (Shi and Tomasi's smaller eigenvalue of the gradients' moments) in each cell of the wall, to a block.
 fn reference_points(texels: &Plane, usable: &[bool], origin: [i64; 2], config: &MatchConfig) -> Vec<[usize; 2]> {
-    let radius = block_radius(config.corner_px);
+    // Half-width of the box nearest in size.
+    let radius = (config.corner_px as f32 / DECIMATION as f32 - 0.375).round().max(0.0) as usize;
     let [xx, xy, yy] = moments(texels).map(|plane| box_sums(&plane, radius));
     let strength = |index: usize| {
         let (a, b, c) = (xx.data[index], xy.data[index], yy.data[index]);
