@@ -30,26 +30,40 @@ pub(super) struct Displacement {
     pub(super) found_m: [f64; 2],
 }
 
+/// What is known of a pair's matches.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tolerance {
+    /// Greatest error of a wrong match, metres.
+    pub(super) reach_m: f64,
+    /// A right one is good to this, metres; three standard deviations.
+    pub(super) gate_m: f64,
+    /// Share of a match that is independent of the others: less than 1 where templates overlap.
+    pub(super) independent: f64,
+}
+
 /// The small motion of a pair's two cameras that explains its matches.
 #[derive(Clone, Debug)]
 pub(super) struct PairMotion<'a> {
     poses: [&'a ViewPose; 2],
     motion: SVector<f64, UNKNOWNS>,
+    /// Normal equations of the last step.
+    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
 }
 
 impl<'a> PairMotion<'a> {
-    /// Fits the motion to matches of which many may be wrong, by up to `reach_m`; a right one is good to `gate_m`.
-    pub(super) fn fit(matches: &[Displacement], poses: [&'a ViewPose; 2], reach_m: f64, gate_m: f64) -> Self {
+    /// Fits the motion to matches of which many may be wrong.
+    pub(super) fn fit(matches: &[Displacement], poses: [&'a ViewPose; 2], tolerance: Tolerance) -> Self {
+        let Tolerance { reach_m, gate_m, independent } = tolerance;
         let rows: Vec<Row> = matches.iter().map(|one| row(&one.point, poses)).collect();
-        // A match is good to a third of the gate.
-        let information = 9.0 / (gate_m * gate_m);
+        let information = 9.0 * independent / (gate_m * gate_m);
         let prior = prior_variances(poses).map(f64::recip);
         let mut motion = SVector::<f64, UNKNOWNS>::zeros();
+        let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&prior);
         let start_m = reach_m.max(2.0 * gate_m);
         for step in 0..STEPS {
             let share = step as f64 / (STEPS - 1) as f64;
             let scale_m = start_m * (0.7 * gate_m / start_m).powf(share);
-            let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&prior);
+            normal = SMatrix::from_diagonal(&prior);
             let mut right = SVector::<f64, UNKNOWNS>::zeros();
             for (row, one) in rows.iter().zip(matches) {
                 let found = Vector2::from(one.found_m);
@@ -61,12 +75,21 @@ impl<'a> PairMotion<'a> {
             let Some(factor) = normal.cholesky() else { break };
             motion = factor.solve(&right);
         }
-        Self { poses, motion }
+        Self { poses, motion, normal }
     }
 
     /// Where the second photo should find a point, minus where the first has it, `[s, x]` metres.
     pub(super) fn displacement_m(&self, point: &WallPoint) -> Vector2<f64> {
         row(point, self.poses) * self.motion
+    }
+
+    /// One standard deviation of [`Self::displacement_m`], the larger of both axes; infinite if it cannot be told.
+    pub(super) fn sigma_m(&self, point: &WallPoint) -> f64 {
+        let slopes = row(point, self.poses).transpose();
+        self.normal.cholesky().map_or(f64::INFINITY, |factor| {
+            let spread = factor.solve(&slopes);
+            (0..2).map(|axis| slopes.column(axis).dot(&spread.column(axis)).sqrt()).fold(0.0, f64::max)
+        })
     }
 
     /// Tells whether a match lies within `gate_m` of the motion.
@@ -192,7 +215,7 @@ mod tests {
             let stray = if index % 3 == 0 { 0.2 * f64::from(index % 7) - 0.55 } else { 0.0 };
             matches.push(Displacement { point, found_m: [moved.x + stray, moved.y - stray] });
         }
-        let motion = PairMotion::fit(&matches, [&poses[0], &poses[1]], 0.3, 0.02);
+        let motion = PairMotion::fit(&matches, [&poses[0], &poses[1]], Tolerance { reach_m: 0.3, gate_m: 0.02, independent: 1.0 });
         for (index, one) in matches.iter().enumerate() {
             assert_eq!(motion.agrees(one, 0.02), index % 3 != 0, "match {index}");
         }

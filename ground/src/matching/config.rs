@@ -3,6 +3,9 @@
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 
+/// Texel of the blurred grid: three of them are the least wavelength in a bond of the commonest bricks, 125 mm.
+const BLURRED_GRID_M: f64 = 0.049;
+
 /// Parameters of one round. Texels are those of the wall grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MatchConfig {
@@ -39,6 +42,9 @@ pub struct MatchConfig {
     pub min_agreeing: usize,
     /// ... that are at least this share of all its matches.
     pub min_agreeing_share: f64,
+    /// Repetitions farther off than the window are harmless, and so are those that the window of this round never reaches:
+    /// tells whether photos are looked at for repetitions.
+    pub resolve_repeats: bool,
     /// The wall is used where the angle between its normal and the view is at most this, radians.
     pub max_incidence_rad: f64,
 }
@@ -78,6 +84,7 @@ impl MatchConfig {
             max_partners: 40,
             min_agreeing: 6,
             min_agreeing_share: 0.25,
+            resolve_repeats: true,
             max_incidence_rad: 68_f64.to_radians(),
         }
     }
@@ -94,7 +101,24 @@ impl MatchConfig {
             band_large_px: 6.0,
             cell_px: 60,
             gate_px: 2.0,
+            resolve_repeats: false,
             ..Self::wide(native_m)
         }
+    }
+
+    /// The same round too blurred to show bricks or tiles, but stains still: where on a wall that repeats itself is this?
+    pub(super) fn blurred(&self) -> Option<Self> {
+        self.resolve_repeats.then(|| Self {
+            grid_m: BLURRED_GRID_M.max(2.0 * self.grid_m),
+            template_px: 21,
+            min_search_px: 2,
+            band_small_px: 1.2,
+            band_large_px: 8.0,
+            cell_px: 8,
+            min_ncc: 0.5,
+            gate_px: 1.0,
+            resolve_repeats: false,
+            ..self.clone()
+        })
     }
 }

@@ -38,9 +38,11 @@
 mod coherence;
 mod config;
 mod filter;
+mod level;
 mod pairs;
 mod patch;
 mod rectify;
+mod repeats;
 mod round;
 mod search;
 mod wall;

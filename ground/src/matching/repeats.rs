@@ -1,0 +1,55 @@
+//! Does the wall repeat itself?
+
+use super::MatchConfig;
+use super::patch::Patch;
+use super::search::{Search, SearchSize};
+
+/// Reference points looked at, about.
+const POINTS: usize = 16;
+
+/// From this half-width to the next, texels, another place is looked for that looks like a point.
+const RING_PX: [usize; 2] = [5, 25];
+
+/// Least correlation of a repetition.
+const LEAST_NCC: f32 = 0.8;
+
+/// The distance, texels, at which the wall of a photo looks like itself; `None` if most of its places are like no other.
+///
+/// Templates are searched for in their own photo. What repeats at `d` repeats at `-d`: half of the ring is enough.
+pub(super) fn repeat_px(patch: &Patch, config: &MatchConfig, search: &mut Search) -> Option<f64> {
+    let [least, most] = RING_PX.map(|px| px as i64);
+    let half = (most - least) / 2;
+    // Beside the point, and between the ring's inner edges below it.
+    let parts = [([least + half, 0], [half, most]), ([0, least + half], [least, half])];
+    let mut nearest_px = f64::INFINITY;
+    let (mut tried, mut repeated) = (0, 0);
+    let mut dbg = Vec::new();
+    for &point in patch.points.iter().step_by((patch.points.len() / POINTS).max(1)) {
+        // Towards the middle of the photo: there is more of it.
+        let towards = [0, 1].map(|axis| {
+            let size = [patch.texels.width, patch.texels.height][axis];
+            if 2 * point[axis] < size { 1 } else { -1 }
+        });
+        let mut best = 0.0_f32;
+        for (middle, reach) in parts {
+            let target = [0, 1].map(|axis| point[axis] as i64 + towards[axis] * middle[axis]);
+            let size =
+                SearchSize { half: config.template_px / 2, reach: reach.map(|reach| reach as usize), min_ncc: 0.2 };
+            if let Some(peak) = search.find(patch, point, patch, target, &size) {
+                best = best.max(peak.ncc);
+                if peak.ncc >= LEAST_NCC {
+                    let offset = [0, 1].map(|axis| (target[axis] - point[axis] as i64) as f64 + peak.offset[axis]);
+                    nearest_px = nearest_px.min(offset[0].hypot(offset[1]));
+                }
+            }
+        }
+        dbg.push(best);
+        tried += 1;
+        repeated += usize::from(best >= LEAST_NCC);
+    }
+    if std::env::var("DBG").is_ok() {
+        dbg.sort_by(f32::total_cmp);
+        eprintln!("repeats {repeated}/{tried} nearest {nearest_px:.1} {dbg:.2?}");
+    }
+    (2 * repeated > tried).then_some(nearest_px)
+}
