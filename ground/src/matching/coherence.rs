@@ -28,17 +28,8 @@ pub(super) struct Displacement {
     pub(super) point: WallPoint,
     /// Place found by the second photo minus place in the first, `[s, x]` metres.
     pub(super) found_m: [f64; 2],
-}
-
-/// What is known of a pair's matches.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Tolerance {
-    /// Greatest error of a wrong match, metres.
-    pub(super) reach_m: f64,
-    /// A right one is good to this, metres; three standard deviations.
-    pub(super) gate_m: f64,
-    /// Share of a match that is independent of the others: less than 1 where templates overlap.
-    pub(super) independent: f64,
+    /// One over the variance of each axis, if it is a right one, 1/m^2.
+    pub(super) information: f64,
 }
 
 /// The small motion of a pair's two cameras that explains its matches.
@@ -46,36 +37,37 @@ pub(super) struct Tolerance {
 pub(super) struct PairMotion<'a> {
     poses: [&'a ViewPose; 2],
     motion: SVector<f64, UNKNOWNS>,
-    /// Normal equations of the last step.
-    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    /// `None` if the matches say nothing at all.
+    covariance: Option<SMatrix<f64, UNKNOWNS, UNKNOWNS>>,
 }
 
 impl<'a> PairMotion<'a> {
-    /// Fits the motion to matches of which many may be wrong.
-    pub(super) fn fit(matches: &[Displacement], poses: [&'a ViewPose; 2], tolerance: Tolerance) -> Self {
-        let Tolerance { reach_m, gate_m, independent } = tolerance;
+    /// Fits the motion to matches of which many may be wrong, by up to `reach_m`; a right one is good to `gate_m`.
+    pub(super) fn fit(matches: &[Displacement], poses: [&'a ViewPose; 2], reach_m: f64, gate_m: f64) -> Self {
         let rows: Vec<Row> = matches.iter().map(|one| row(&one.point, poses)).collect();
-        let information = 9.0 * independent / (gate_m * gate_m);
         let prior = prior_variances(poses).map(f64::recip);
         let mut motion = SVector::<f64, UNKNOWNS>::zeros();
-        let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&prior);
+        let mut covariance = None;
         let start_m = reach_m.max(2.0 * gate_m);
         for step in 0..STEPS {
             let share = step as f64 / (STEPS - 1) as f64;
             let scale_m = start_m * (0.7 * gate_m / start_m).powf(share);
-            normal = SMatrix::from_diagonal(&prior);
+            let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&prior);
             let mut right = SVector::<f64, UNKNOWNS>::zeros();
             for (row, one) in rows.iter().zip(matches) {
                 let found = Vector2::from(one.found_m);
                 let squared = (found - row * motion).norm_squared() / (scale_m * scale_m);
-                let weight = information / ((1.0 + squared) * (1.0 + squared));
+                let weight = one.information / ((1.0 + squared) * (1.0 + squared));
                 normal += row.transpose() * row * weight;
                 right += row.transpose() * found * weight;
             }
             let Some(factor) = normal.cholesky() else { break };
             motion = factor.solve(&right);
+            if step == STEPS - 1 {
+                covariance = Some(factor.inverse());
+            }
         }
-        Self { poses, motion, normal }
+        Self { poses, motion, covariance }
     }
 
     /// Where the second photo should find a point, minus where the first has it, `[s, x]` metres.
@@ -85,10 +77,10 @@ impl<'a> PairMotion<'a> {
 
     /// One standard deviation of [`Self::displacement_m`], the larger of both axes; infinite if it cannot be told.
     pub(super) fn sigma_m(&self, point: &WallPoint) -> f64 {
-        let slopes = row(point, self.poses).transpose();
-        self.normal.cholesky().map_or(f64::INFINITY, |factor| {
-            let spread = factor.solve(&slopes);
-            (0..2).map(|axis| slopes.column(axis).dot(&spread.column(axis)).sqrt()).fold(0.0, f64::max)
+        let slopes = row(point, self.poses);
+        self.covariance.map_or(f64::INFINITY, |covariance| {
+            let spread = slopes * covariance * slopes.transpose();
+            spread.diagonal().max().sqrt()
         })
     }
 
@@ -213,9 +205,9 @@ mod tests {
             let point = WallPoint { position, normal };
             let moved = displacement_jacobian(&point, &poses[1].centre()) * motion;
             let stray = if index % 3 == 0 { 0.2 * f64::from(index % 7) - 0.55 } else { 0.0 };
-            matches.push(Displacement { point, found_m: [moved.x + stray, moved.y - stray] });
+            matches.push(Displacement { point, found_m: [moved.x + stray, moved.y - stray], information: 2e4 });
         }
-        let motion = PairMotion::fit(&matches, [&poses[0], &poses[1]], Tolerance { reach_m: 0.3, gate_m: 0.02, independent: 1.0 });
+        let motion = PairMotion::fit(&matches, [&poses[0], &poses[1]], 0.3, 0.02);
         for (index, one) in matches.iter().enumerate() {
             assert_eq!(motion.agrees(one, 0.02), index % 3 != 0, "match {index}");
         }

@@ -25,6 +25,8 @@ pub struct MatchConfig {
     pub band_small_px: f32,
     /// Band-pass and local contrast: standard deviation of the larger Gaussian, texels.
     pub band_large_px: f32,
+    /// Local contrast (of the logarithm) below which the wall counts as featureless.
+    pub contrast_floor: f32,
     /// One reference point is taken per cell of this side, texels.
     pub cell_px: usize,
     /// Half-width of the box over which a point's corner strength is summed, texels.
@@ -76,6 +78,8 @@ impl MatchConfig {
             widen: 1.7,
             band_small_px: 1.0,
             band_large_px: 8.0,
+            // About the noise of a dark photo.
+            contrast_floor: 0.01,
             cell_px: 40,
             corner_px: 4,
             min_ncc: 0.3,
@@ -114,6 +118,8 @@ impl MatchConfig {
             min_search_px: 2,
             band_small_px: 1.2,
             band_large_px: 8.0,
+            // What lamp and vignetting leave in this band, which moves with the camera.
+            contrast_floor: 0.04,
             cell_px: 8,
             min_ncc: 0.5,
             gate_px: 1.0,

@@ -8,9 +8,6 @@ use pulp::Arch;
 /// Texels averaged before a wide Gaussian, per axis.
 pub(super) const DECIMATION: usize = 4;
 
-/// Contrast (of the logarithm) below which the wall counts as featureless; about the noise of a dark photo.
-const CONTRAST_FLOOR: f32 = 0.01;
-
 /// A row-major grid of values.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Plane {
@@ -35,9 +32,9 @@ impl Plane {
 
 /// Band-pass and local contrast normalisation in place; NaN marks unseen texels, which become 0.
 ///
-/// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)`; every Gaussian over the seen
+/// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)` plus the floor; every Gaussian over the seen
 /// texels only. Returns which texels were seen (1 or 0). Width and height are multiples of [`DECIMATION`].
-pub(super) fn normalise_band(plane: &mut Plane, small_px: f32, large_px: f32) -> Plane {
+pub(super) fn normalise_band(plane: &mut Plane, small_px: f32, large_px: f32, contrast_floor: f32) -> Plane {
     let mut seen = Plane::new(plane.width, plane.height);
     for (value, flag) in plane.data.iter_mut().zip(&mut seen.data) {
         let is_seen = !value.is_nan();
@@ -56,7 +53,7 @@ pub(super) fn normalise_band(plane: &mut Plane, small_px: f32, large_px: f32) ->
     let mut deviation =
         ratio(&gaussian(&decimated(plane, |value| value * value), large_px / DECIMATION as f32), &blurred_weight);
     for value in &mut deviation.data {
-        *value = 1.0 / (value.max(0.0).sqrt() + CONTRAST_FLOOR);
+        *value = 1.0 / (value.max(0.0).sqrt() + contrast_floor);
     }
     with_upsampled(plane, &deviation, |value, gain| value * gain);
     seen
@@ -250,8 +247,8 @@ mod tests {
         for value in &mut other.data {
             *value = 3.0 * *value + 20.0;
         }
-        let seen = normalise_band(&mut plane, 1.0, 8.0);
-        normalise_band(&mut other, 1.0, 8.0);
+        let seen = normalise_band(&mut plane, 1.0, 8.0, 0.01);
+        normalise_band(&mut other, 1.0, 8.0, 0.01);
         assert!(seen.data.iter().all(|&flag| flag == 1.0));
         let worst = plane.data.iter().zip(&other.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst < 0.05, "differs by {worst}");
@@ -263,7 +260,7 @@ mod tests {
         for row in 8..20 {
             plane.row_mut(row)[10..40].fill(f32::NAN);
         }
-        let seen = normalise_band(&mut plane, 1.0, 8.0);
+        let seen = normalise_band(&mut plane, 1.0, 8.0, 0.01);
         assert!(plane.data.iter().all(|value| value.is_finite()));
         assert!(plane.data.iter().zip(&seen.data).all(|(value, &flag)| flag == 1.0 || *value == 0.0));
     }

@@ -3,7 +3,7 @@
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 
-use super::coherence::{Displacement, PairMotion, Tolerance, displacement_sigma_m};
+use super::coherence::{Displacement, PairMotion, displacement_sigma_m};
 use super::patch::Patch;
 use super::search::{Search, SearchSize};
 use super::wall::{BLOCK, Footprint, WallGrid};
@@ -21,6 +21,10 @@ const PROBES_AGREEING: f64 = 0.7;
 
 /// Points at which the uncertainty of a pair's displacement is looked at.
 const WINDOW_SAMPLES: usize = 5;
+
+/// A place is expected well enough where this standard deviation, as a share of the half-width of the search, is not
+/// exceeded.
+const SIGMA_SHARE: f64 = 0.4;
 
 /// A reference point that another photo should see.
 #[derive(Clone, Copy, Debug)]
@@ -78,8 +82,8 @@ impl<'a> Level<'a> {
         Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, pixels, &self.config)
     }
 
-    /// Half-width and half-height of the search: the uncertainty of the displacement between the two photos.
-    pub(super) fn reach_px(&self, photos: [usize; 2], candidates: &[Candidate]) -> [usize; 2] {
+    /// Half-width and half-height of the window that the uncertainty of the displacement between the two photos asks for.
+    pub(super) fn needed_px(&self, photos: [usize; 2], candidates: &[Candidate]) -> [usize; 2] {
         let poses = photos.map(|photo| &self.poses[photo]);
         let mut sigma_m = [0.0_f64; 2];
         for candidate in candidates.iter().step_by((candidates.len() / WINDOW_SAMPLES).max(1)) {
@@ -88,10 +92,12 @@ impl<'a> Level<'a> {
                 sigma_m = [0, 1].map(|axis| sigma_m[axis].max(here_m[axis]));
             }
         }
-        sigma_m.map(|sigma_m| {
-            let reach_px = (self.config.search_sigmas * sigma_m / self.grid.step_m).ceil() as usize;
-            reach_px.max(self.config.min_search_px)
-        })
+        sigma_m.map(|sigma_m| (self.config.search_sigmas * sigma_m / self.grid.step_m).ceil() as usize)
+    }
+
+    /// That window, or the least.
+    pub(super) fn reach_px(&self, needed_px: [usize; 2]) -> [usize; 2] {
+        needed_px.map(|needed| needed.max(self.config.min_search_px))
     }
 
     /// Reference points of both photos that the other should see, by the poses.
@@ -130,26 +136,39 @@ impl<'a> Level<'a> {
     }
 
     /// The motion of a pair that explains its matches, of which each may be off by the window.
-    pub(super) fn motion(&self, photos: [usize; 2], matches: &[Match], reach_px: [usize; 2]) -> PairMotion<'a> {
-        let displacements: Vec<Displacement> = matches.iter().filter_map(|one| self.displacement(one)).collect();
-        let step_m = self.grid.step_m;
-        let tolerance = Tolerance {
-            reach_m: reach_px[0].max(reach_px[1]) as f64 * step_m,
-            gate_m: self.config.gate_px * step_m,
-            independent: (self.config.cell_px as f64 / self.config.template_px as f64).powi(2).min(1.0),
-        };
-        PairMotion::fit(&displacements, photos.map(|photo| &self.poses[photo]), tolerance)
+    fn motion(&self, photos: [usize; 2], matches: &[Match], reach_px: [usize; 2]) -> PairMotion<'a> {
+        self.motion_of(photos, &self.displacements(matches), reach_px)
+    }
+
+    fn motion_of(&self, photos: [usize; 2], found: &[Displacement], reach_px: [usize; 2]) -> PairMotion<'a> {
+        let poses = photos.map(|photo| &self.poses[photo]);
+        let reach_m = reach_px[0].max(reach_px[1]) as f64 * self.grid.step_m;
+        PairMotion::fit(found, poses, reach_m, self.gate_m())
+    }
+
+    pub(super) fn displacements(&self, matches: &[Match]) -> Vec<Displacement> {
+        matches.iter().filter_map(|one| self.displacement(one)).collect()
+    }
+
+    pub(super) fn gate_m(&self) -> f64 {
+        self.config.gate_px * self.grid.step_m
     }
 
     fn agrees(&self, motion: &PairMotion<'_>, one: &Match) -> bool {
-        let gate_m = self.config.gate_px * self.grid.step_m;
-        self.displacement(one).is_some_and(|displacement| motion.agrees(&displacement, gate_m))
+        self.displacement(one).is_some_and(|displacement| motion.agrees(&displacement, self.gate_m()))
     }
 
     fn displacement(&self, one: &Match) -> Option<Displacement> {
         let point = self.grid.point(one.candidate.reference[0], one.candidate.reference[1])?;
         let sign = one.candidate.sign();
-        Some(Displacement { point, found_m: one.displacement.map(|texels| sign * texels * self.grid.step_m) })
+        // Good to a third of the gate; templates that overlap share what they say.
+        let independent = (self.config.cell_px as f64 / self.config.template_px as f64).powi(2).min(1.0);
+        let information = 9.0 * independent / (self.gate_m() * self.gate_m());
+        Some(Displacement {
+            point,
+            information,
+            found_m: one.displacement.map(|texels| sign * texels * self.grid.step_m),
+        })
     }
 
     fn predicted_offset(&self, motion: &PairMotion<'_>, candidate: &Candidate) -> Option<[i64; 2]> {
@@ -167,13 +186,13 @@ pub(super) struct PairSearch<'a> {
     pub(super) candidates: &'a [Candidate],
 }
 
-/// What is known of a pair's motion before its points are searched for.
-pub(super) struct Known<'a> {
-    pub(super) motion: &'a PairMotion<'a>,
-    /// Half-width of the search around the prediction, texels.
-    pub(super) reach_px: usize,
-    /// Points that are predicted worse than this are left out, metres.
-    pub(super) most_sigma_m: f64,
+/// What is known of a pair, besides its poses, before its points are searched for.
+#[derive(Debug, Default)]
+pub(super) struct Hint {
+    /// What agrees with one motion of the pair.
+    pub(super) found: Vec<Displacement>,
+    /// That is good to this, metres.
+    pub(super) gate_m: f64,
 }
 
 impl PairSearch<'_> {
@@ -243,26 +262,49 @@ impl PairSearch<'_> {
         self.agreeing(matches, reach_px, report)
     }
 
-    /// Searches near a motion that is known already, as far as it is known well enough.
+    /// Searches each point not farther than `most_px` from where the hint, and the points found so far, expect it; only
+    /// where that expectation is good enough, which grows from the hint's places outwards.
+    ///
+    /// The matches are not kept if together they contradict the hint.
     pub(super) fn run_near(
         &self,
-        known: &Known<'_>,
+        hint: &Hint,
+        most_px: usize,
         reach_px: [usize; 2],
         search: &mut Search,
         report: &mut PairReport,
     ) -> Vec<Match> {
-        let size = self.level.size([known.reach_px; 2]);
+        let level = self.level;
+        let size = level.size([most_px; 2]);
+        let most_sigma_m = SIGMA_SHARE * most_px as f64 * level.grid.step_m;
+        let mut open: Vec<&Candidate> = self.candidates.iter().collect();
+        let mut found = hint.found.clone();
         let mut matches = Vec::new();
-        for candidate in self.candidates {
-            let [column, row] = candidate.reference;
-            let sigma_m = self.level.grid.point(column, row).map(|point| known.motion.sigma_m(&point));
-            if sigma_m.is_some_and(|sigma_m| sigma_m <= known.most_sigma_m)
-                && let Some(offset) = self.level.predicted_offset(known.motion, candidate)
-            {
-                matches.extend(self.find(candidate, offset, &size, search));
+        loop {
+            let motion = level.motion_of(self.photos, &found, reach_px);
+            let is_near = |candidate: &Candidate| {
+                let [column, row] = candidate.reference;
+                level.grid.point(column, row).is_some_and(|point| motion.sigma_m(&point) <= most_sigma_m)
+            };
+            let (near, far): (Vec<_>, Vec<_>) = open.into_iter().partition(|candidate| is_near(candidate));
+            let find = |candidate: &&Candidate| {
+                let offset = level.predicted_offset(&motion, candidate)?;
+                self.find(candidate, offset, &size, search)
+            };
+            let new: Vec<Match> = near.iter().filter_map(find).collect();
+            found.extend(level.displacements(&new));
+            open = far;
+            let ends = new.is_empty() || open.is_empty();
+            matches.extend(new);
+            if ends {
+                break;
             }
         }
-        self.agreeing(matches, reach_px, report)
+        let matches = self.agreeing(matches, reach_px, report);
+        let motion = level.motion(self.photos, &matches, reach_px);
+        let confirmed = hint.found.iter().filter(|one| motion.agrees(one, hint.gate_m)).count();
+        report.kept &= 2 * confirmed >= hint.found.len();
+        matches
     }
 
     /// Keeps those of all matches that agree with one motion.
@@ -293,4 +335,3 @@ impl PairSearch<'_> {
 pub(super) fn global_place(patch: &Patch, point: [usize; 2]) -> [f64; 2] {
     [0, 1].map(|axis| (patch.origin[axis] + point[axis] as i64) as f64)
 }
-

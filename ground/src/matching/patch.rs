@@ -37,7 +37,7 @@ impl Patch {
         config: &MatchConfig,
     ) -> Self {
         let mut texels = rectify(grid, tunnel_from_cam, footprint, pixels);
-        let seen = normalise_band(&mut texels, config.band_small_px, config.band_large_px);
+        let seen = normalise_band(&mut texels, config.band_small_px, config.band_large_px, config.contrast_floor);
         let inverse_norm = inverse_norms(&texels, &seen, config.template_px / 2);
         let origin = footprint.block0.map(|block| block * BLOCK as i64);
         let points = reference_points(&texels, &inverse_norm, origin, config);

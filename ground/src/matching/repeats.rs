@@ -23,33 +23,25 @@ pub(super) fn repeat_px(patch: &Patch, config: &MatchConfig, search: &mut Search
     let parts = [([least + half, 0], [half, most]), ([0, least + half], [least, half])];
     let mut nearest_px = f64::INFINITY;
     let (mut tried, mut repeated) = (0, 0);
-    let mut dbg = Vec::new();
     for &point in patch.points.iter().step_by((patch.points.len() / POINTS).max(1)) {
         // Towards the middle of the photo: there is more of it.
         let towards = [0, 1].map(|axis| {
             let size = [patch.texels.width, patch.texels.height][axis];
             if 2 * point[axis] < size { 1 } else { -1 }
         });
-        let mut best = 0.0_f32;
+        let mut repeats = false;
         for (middle, reach) in parts {
             let target = [0, 1].map(|axis| point[axis] as i64 + towards[axis] * middle[axis]);
-            let size =
-                SearchSize { half: config.template_px / 2, reach: reach.map(|reach| reach as usize), min_ncc: 0.2 };
+            let reach = reach.map(|reach| reach as usize);
+            let size = SearchSize { half: config.template_px / 2, reach, min_ncc: LEAST_NCC };
             if let Some(peak) = search.find(patch, point, patch, target, &size) {
-                best = best.max(peak.ncc);
-                if peak.ncc >= LEAST_NCC {
-                    let offset = [0, 1].map(|axis| (target[axis] - point[axis] as i64) as f64 + peak.offset[axis]);
-                    nearest_px = nearest_px.min(offset[0].hypot(offset[1]));
-                }
+                let offset = [0, 1].map(|axis| (towards[axis] * middle[axis]) as f64 + peak.offset[axis]);
+                nearest_px = nearest_px.min(offset[0].hypot(offset[1]));
+                repeats = true;
             }
         }
-        dbg.push(best);
         tried += 1;
-        repeated += usize::from(best >= LEAST_NCC);
-    }
-    if std::env::var("DBG").is_ok() {
-        dbg.sort_by(f32::total_cmp);
-        eprintln!("repeats {repeated}/{tried} nearest {nearest_px:.1} {dbg:.2?}");
+        repeated += usize::from(repeats);
     }
     (2 * repeated > tried).then_some(nearest_px)
 }

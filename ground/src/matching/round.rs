@@ -6,7 +6,7 @@ use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
-use super::level::{Known, Level, Match, PairSearch, global_place};
+use super::level::{Hint, Level, Match, PairSearch, global_place};
 use super::pairs::{ExpectedPair, expected_pairs, last_needed};
 use super::patch::Patch;
 use super::repeats::repeat_px;
@@ -14,9 +14,6 @@ use super::search::Search;
 use super::wall::Footprint;
 use super::{MatchConfig, MatchRound, PairReport, Photos, Pixels, ViewPose};
 use crate::adjust::{Observation, Tracks};
-
-/// A place is expected well enough where this standard deviation, as a share of the half-width of the search, is not exceeded.
-const SIGMA_SHARE: f64 = 0.4;
 
 /// A photo as loaded.
 struct View {
@@ -55,7 +52,8 @@ pub fn match_round<P: Photos + ?Sized>(
     };
     let footprints: Vec<Option<Footprint>> =
         poses.par_iter().map(|pose| Footprint::new(&round.sharp.grid, &pose.tunnel_from_cam)).collect();
-    let mut expected = expected_pairs(&footprints, round.sharp.blocks_around(), config.min_overlap, config.max_partners);
+    let mut expected =
+        expected_pairs(&footprints, round.sharp.blocks_around(), config.min_overlap, config.max_partners);
     expected.retain(|pair| wanted(pair.photos));
     let last_needed = last_needed(&expected, poses.len());
     let mut views: Views = vec![None; poses.len()];
@@ -163,7 +161,7 @@ impl Round<'_> {
             return None;
         }
         let candidates = level.candidates(pair);
-        let reach_px = level.reach_px(photos, &candidates);
+        let needed_px = level.needed_px(photos, &candidates);
         let mut report = PairReport {
             first: photos[0] as u32,
             second: photos[1] as u32,
@@ -174,7 +172,7 @@ impl Round<'_> {
             kept: false,
             widened: false,
             shift_m: [0.0; 2],
-            too_uncertain: reach_px.iter().any(|&reach| reach > level.config.max_search_px),
+            too_uncertain: needed_px.iter().any(|&reach| reach > level.config.max_search_px),
         };
         if report.too_uncertain {
             return Some((report, Vec::new()));
@@ -183,9 +181,9 @@ impl Round<'_> {
         let matches = match views.map(|view| view.repeating.as_ref()) {
             [Some(first), Some(second)] => {
                 let most_px = 0.5 * first.0.min(second.0) - 1.0;
-                self.among_repeats(&searched, [&first.1, &second.1], reach_px, most_px, search, &mut report)
+                self.among_repeats(&searched, [&first.1, &second.1], needed_px, most_px, search, &mut report)
             }
-            _ => searched.run_widening(reach_px, search, &mut report),
+            _ => searched.run_widening(level.reach_px(needed_px), search, &mut report),
         };
         Some((report, matches))
     }
@@ -195,28 +193,32 @@ impl Round<'_> {
         &self,
         searched: &PairSearch<'_>,
         blurred: [&Patch; 2],
-        reach_px: [usize; 2],
+        needed_px: [usize; 2],
         most_px: f64,
         search: &mut Search,
         report: &mut PairReport,
     ) -> Vec<Match> {
-        if reach_px.iter().all(|&reach| reach as f64 <= most_px) {
-            return searched.run(reach_px, search, report);
-        }
-        let hint = self.blurred.as_ref().and_then(|level| {
-            let candidates = level.candidates(blurred);
-            let coarse = PairSearch { level, photos: searched.photos, pair: blurred, candidates: &candidates };
-            let mut report = PairReport { ..*report };
-            let matches = coarse.run_widening(level.reach_px(searched.photos, &candidates), search, &mut report);
-            (report.kept && !report.is_doubtful()).then(|| level.motion(searched.photos, &matches, [0; 2]))
-        });
-        let Some(motion) = hint else {
+        let hint = if needed_px.iter().all(|&needed| needed as f64 <= most_px) {
+            Some(Hint::default())
+        } else {
+            self.hint(searched.photos, blurred, report, search)
+        };
+        let Some(hint) = hint else {
             report.too_uncertain = true;
             return Vec::new();
         };
-        let most_sigma_m = SIGMA_SHARE * most_px * self.sharp.grid.step_m;
-        let known = Known { motion: &motion, reach_px: most_px as usize, most_sigma_m };
-        searched.run_near(&known, reach_px, search, report)
+        searched.run_near(&hint, most_px as usize, searched.level.reach_px(needed_px), search, report)
+    }
+
+    /// What two photos that are too blurred to show what repeats say of their motion.
+    fn hint(&self, photos: [usize; 2], pair: [&Patch; 2], report: &PairReport, search: &mut Search) -> Option<Hint> {
+        let level = self.blurred.as_ref()?;
+        let candidates = level.candidates(pair);
+        let searched = PairSearch { level, photos, pair, candidates: &candidates };
+        let mut report = *report;
+        let matches = searched.run_widening(level.reach_px(level.needed_px(photos, &candidates)), search, &mut report);
+        let clear = report.kept && !report.is_doubtful();
+        clear.then(|| Hint { found: level.displacements(&matches), gate_m: level.gate_m() })
     }
 
     fn collect(&self, report: &PairReport, matches: &[Match], found: &mut [Vec<Found>]) {
