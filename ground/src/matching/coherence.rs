@@ -212,4 +212,34 @@ mod tests {
             assert_eq!(motion.agrees(one, 0.02), index % 3 != 0, "match {index}");
         }
     }
+
+    #[test]
+    fn without_matches_a_place_is_as_uncertain_as_the_poses_and_matches_make_it_certain() {
+        let profile = underpass();
+        let pose = |x_m: f64| ViewPose {
+            tunnel_from_cam: Isometry3::translation(x_m, 0.0, 0.0),
+            position_sigma_m: [0.03; 3],
+            rotation_sigma_rad: [0.03; 3],
+            drift_m: 0.0,
+        };
+        let poses = [pose(0.0), pose(0.5)];
+        let point = |s_m: f64, x_m: f64| {
+            let surface = profile.at(s_m).expect("a wall");
+            let position = Point3::new(x_m, surface.point.x, surface.point.y);
+            WallPoint { position, normal: Vector3::new(0.0, surface.normal.x, surface.normal.y) }
+        };
+        let of_poses = PairMotion::fit(&[], [&poses[0], &poses[1]], 0.3, 0.02);
+        let here = point(0.2, 0.3);
+        let [sigma_s_m, sigma_x_m] = displacement_sigma_m(&here, [&poses[0], &poses[1]]);
+        assert!((of_poses.sigma_m(&here) - sigma_s_m.max(sigma_x_m)).abs() < 1e-9);
+        let found = |index: u32| Displacement {
+            point: point(0.1 * f64::from(index % 4), 0.1 * f64::from(index)),
+            found_m: [0.0; 2],
+            information: 2e4,
+        };
+        let found: Vec<Displacement> = (0..8).map(found).collect();
+        let motion = PairMotion::fit(&found, [&poses[0], &poses[1]], 0.3, 0.02);
+        let (near_m, far_m) = (motion.sigma_m(&here), motion.sigma_m(&point(1.8, -0.5)));
+        assert!(near_m < 0.007 && far_m > 2.0 * near_m, "{near_m} {far_m}");
+    }
 }
