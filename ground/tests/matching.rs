@@ -123,11 +123,12 @@ fn bricks_all_alike_are_told_apart_by_their_stains() {
     let (round, transfer) = run(&sample, &config, 0.025, 1.8);
     describe("stained bricks", &round, &transfer);
     let kept = round.pairs.iter().filter(|pair| pair.kept).count();
-    assert!(2 * kept >= round.pairs.len(), "{kept} of {} pairs kept", round.pairs.len());
+    assert!(5 * kept >= 4 * round.pairs.len(), "{kept} of {} pairs kept", round.pairs.len());
     assert!(transfer.share_below(6.0) > 0.99, "{:.3}", transfer.share_below(6.0));
     let (round, transfer) = run(&sample, &MatchConfig { resolve_repeats: false, ..config }, 0.025, 1.8);
     describe("stained bricks as if they were not alike", &round, &transfer);
-    assert!(transfer.share_below(6.0) < 0.9, "{:.3}: this wall is too easy", transfer.share_below(6.0));
+    let kept_without = round.pairs.iter().filter(|pair| pair.kept).count();
+    assert!(2 * kept_without < kept, "{kept_without} pairs without, {kept} with: this wall is too easy");
 }
 
 #[test]
@@ -136,7 +137,7 @@ fn where_nothing_tells_bricks_apart_no_pair_is_believed() {
     let config = MatchConfig::wide(MatchConfig::native_m(&sample.profile, &sample.camera));
     let (round, transfer) = run(&sample, &config, 0.025, 1.8);
     describe("clean bricks", &round, &transfer);
-    assert!(round.pairs.iter().all(|pair| pair.too_uncertain && !pair.kept));
+    assert!(round.pairs.iter().all(|pair| !pair.kept));
     // Where poses are known to less than half a brick, there is no question.
     let (round, transfer) = run(&sample, &config, 0.003, 0.1);
     describe("clean bricks, good poses", &round, &transfer);
@@ -166,6 +167,5 @@ fn a_photo_of_the_wrong_size_is_named_and_the_others_are_matched() {
     let config = MatchConfig::fine(MatchConfig::native_m(&sample.profile, &sample.camera));
     let (round, _) = run(&sample, &config, 0.002, 0.05);
     assert_eq!(round.unusable, [2]);
-    assert!(round.doubtful_photos(5) == [2], "{:?}", round.doubtful_photos(5));
     assert!(round.pairs.iter().all(|pair| pair.first != 2 && pair.second != 2 && pair.kept));
 }
