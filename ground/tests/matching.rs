@@ -11,7 +11,7 @@ use adit_ground::matching::{MatchConfig, MatchRound, match_round};
 use nalgebra::{Isometry3, Point3, Vector2};
 use support::Sample;
 use transfer::Transfer;
-use wall::Wall;
+use wall::{Paint, Wall};
 
 /// Sets and the median error, px, that the fine round must stay below.
 const SETS: [(&str, f64); 3] =
@@ -105,7 +105,7 @@ fn photographed(wall: Wall, count: usize) -> Sample {
 
 #[test]
 fn both_rounds_find_a_wall_across_the_crown() {
-    let sample = photographed(Wall { relief_m: 0.0 }, 12);
+    let sample = photographed(Wall { paint: Paint::Grained, relief_m: 0.0 }, 12);
     let native_m = MatchConfig::native_m(&sample.profile, &sample.camera);
     let (round, transfer) = run(&sample, &MatchConfig::wide(native_m), 0.025, 1.8);
     describe("own wall, wide", &round, &transfer);
@@ -117,8 +117,37 @@ fn both_rounds_find_a_wall_across_the_crown() {
 }
 
 #[test]
+fn bricks_all_alike_are_told_apart_by_their_stains() {
+    let sample = photographed(Wall { paint: Paint::StainedBricks, relief_m: 0.0 }, 12);
+    let config = MatchConfig::wide(MatchConfig::native_m(&sample.profile, &sample.camera));
+    let (round, transfer) = run(&sample, &config, 0.025, 1.8);
+    describe("stained bricks", &round, &transfer);
+    let kept = round.pairs.iter().filter(|pair| pair.kept).count();
+    assert!(5 * kept >= 4 * round.pairs.len(), "{kept} of {} pairs kept", round.pairs.len());
+    assert!(transfer.share_below(6.0) > 0.99, "{:.3}", transfer.share_below(6.0));
+    let (round, transfer) = run(&sample, &MatchConfig { resolve_repeats: false, ..config }, 0.025, 1.8);
+    describe("stained bricks as if they were not alike", &round, &transfer);
+    let kept_without = round.pairs.iter().filter(|pair| pair.kept).count();
+    assert!(2 * kept_without < kept, "{kept_without} pairs without, {kept} with: this wall is too easy");
+}
+
+#[test]
+fn where_nothing_tells_bricks_apart_no_pair_is_believed() {
+    let sample = photographed(Wall { paint: Paint::CleanBricks, relief_m: 0.0 }, 12);
+    let config = MatchConfig::wide(MatchConfig::native_m(&sample.profile, &sample.camera));
+    let (round, transfer) = run(&sample, &config, 0.025, 1.8);
+    describe("clean bricks", &round, &transfer);
+    assert!(round.pairs.iter().all(|pair| !pair.kept));
+    // Where poses are known to less than half a brick, there is no question.
+    let (round, transfer) = run(&sample, &config, 0.003, 0.1);
+    describe("clean bricks, good poses", &round, &transfer);
+    assert!(round.pairs.iter().all(|pair| pair.kept));
+    assert!(transfer.share_below(6.0) > 0.99, "{:.3}", transfer.share_below(6.0));
+}
+
+#[test]
 fn a_bulging_wall_is_matched_where_it_is_and_not_where_the_section_says() {
-    let wall = Wall { relief_m: 0.035 };
+    let wall = Wall { paint: Paint::Grained, relief_m: 0.035 };
     let sample = photographed(wall, 9);
     let config = MatchConfig::fine(MatchConfig::native_m(&sample.profile, &sample.camera));
     let poses = sample.perturbed(0.002, 0.05_f64.to_radians(), 7);
@@ -133,7 +162,7 @@ fn a_bulging_wall_is_matched_where_it_is_and_not_where_the_section_says() {
 
 #[test]
 fn a_photo_of_the_wrong_size_is_named_and_the_others_are_matched() {
-    let mut sample = photographed(Wall { relief_m: 0.0 }, 5);
+    let mut sample = photographed(Wall { paint: Paint::Grained, relief_m: 0.0 }, 5);
     sample.photos[2].grey.to_mut().height -= 1;
     let config = MatchConfig::fine(MatchConfig::native_m(&sample.profile, &sample.camera));
     let (round, _) = run(&sample, &config, 0.002, 0.05);

@@ -28,6 +28,8 @@ pub(super) struct Displacement {
     pub(super) point: WallPoint,
     /// Place found by the second photo minus place in the first, `[s, x]` metres.
     pub(super) found_m: [f64; 2],
+    /// One over the variance of each axis, if it is a right one, 1/m^2.
+    pub(super) information: f64,
 }
 
 /// The small motion of a pair's two cameras that explains its matches.
@@ -35,16 +37,17 @@ pub(super) struct Displacement {
 pub(super) struct PairMotion<'a> {
     poses: [&'a ViewPose; 2],
     motion: SVector<f64, UNKNOWNS>,
+    /// `None` if the matches say nothing at all.
+    covariance: Option<SMatrix<f64, UNKNOWNS, UNKNOWNS>>,
 }
 
 impl<'a> PairMotion<'a> {
     /// Fits the motion to matches of which many may be wrong, by up to `reach_m`; a right one is good to `gate_m`.
     pub(super) fn fit(matches: &[Displacement], poses: [&'a ViewPose; 2], reach_m: f64, gate_m: f64) -> Self {
         let rows: Vec<Row> = matches.iter().map(|one| row(&one.point, poses)).collect();
-        // A match is good to a third of the gate.
-        let information = 9.0 / (gate_m * gate_m);
         let prior = prior_variances(poses).map(f64::recip);
         let mut motion = SVector::<f64, UNKNOWNS>::zeros();
+        let mut covariance = None;
         let start_m = reach_m.max(2.0 * gate_m);
         for step in 0..STEPS {
             let share = step as f64 / (STEPS - 1) as f64;
@@ -54,19 +57,31 @@ impl<'a> PairMotion<'a> {
             for (row, one) in rows.iter().zip(matches) {
                 let found = Vector2::from(one.found_m);
                 let squared = (found - row * motion).norm_squared() / (scale_m * scale_m);
-                let weight = information / ((1.0 + squared) * (1.0 + squared));
+                let weight = one.information / ((1.0 + squared) * (1.0 + squared));
                 normal += row.transpose() * row * weight;
                 right += row.transpose() * found * weight;
             }
             let Some(factor) = normal.cholesky() else { break };
             motion = factor.solve(&right);
+            if step == STEPS - 1 {
+                covariance = Some(factor.inverse());
+            }
         }
-        Self { poses, motion }
+        Self { poses, motion, covariance }
     }
 
     /// Where the second photo should find a point, minus where the first has it, `[s, x]` metres.
     pub(super) fn displacement_m(&self, point: &WallPoint) -> Vector2<f64> {
         row(point, self.poses) * self.motion
+    }
+
+    /// One standard deviation of [`Self::displacement_m`], the larger of both axes; infinite if it cannot be told.
+    pub(super) fn sigma_m(&self, point: &WallPoint) -> f64 {
+        let slopes = row(point, self.poses);
+        self.covariance.map_or(f64::INFINITY, |covariance| {
+            let spread = slopes * covariance * slopes.transpose();
+            spread.diagonal().max().sqrt()
+        })
     }
 
     /// Tells whether a match lies within `gate_m` of the motion.
@@ -190,11 +205,41 @@ mod tests {
             let point = WallPoint { position, normal };
             let moved = displacement_jacobian(&point, &poses[1].centre()) * motion;
             let stray = if index % 3 == 0 { 0.2 * f64::from(index % 7) - 0.55 } else { 0.0 };
-            matches.push(Displacement { point, found_m: [moved.x + stray, moved.y - stray] });
+            matches.push(Displacement { point, found_m: [moved.x + stray, moved.y - stray], information: 2e4 });
         }
         let motion = PairMotion::fit(&matches, [&poses[0], &poses[1]], 0.3, 0.02);
         for (index, one) in matches.iter().enumerate() {
             assert_eq!(motion.agrees(one, 0.02), index % 3 != 0, "match {index}");
         }
+    }
+
+    #[test]
+    fn without_matches_a_place_is_as_uncertain_as_the_poses_and_matches_make_it_certain() {
+        let profile = underpass();
+        let pose = |x_m: f64| ViewPose {
+            tunnel_from_cam: Isometry3::translation(x_m, 0.0, 0.0),
+            position_sigma_m: [0.03; 3],
+            rotation_sigma_rad: [0.03; 3],
+            drift_m: 0.0,
+        };
+        let poses = [pose(0.0), pose(0.5)];
+        let point = |s_m: f64, x_m: f64| {
+            let surface = profile.at(s_m).expect("a wall");
+            let position = Point3::new(x_m, surface.point.x, surface.point.y);
+            WallPoint { position, normal: Vector3::new(0.0, surface.normal.x, surface.normal.y) }
+        };
+        let of_poses = PairMotion::fit(&[], [&poses[0], &poses[1]], 0.3, 0.02);
+        let here = point(0.2, 0.3);
+        let [sigma_s_m, sigma_x_m] = displacement_sigma_m(&here, [&poses[0], &poses[1]]);
+        assert!((of_poses.sigma_m(&here) - sigma_s_m.max(sigma_x_m)).abs() < 1e-9);
+        let found = |index: u32| Displacement {
+            point: point(0.1 * f64::from(index % 4), 0.1 * f64::from(index)),
+            found_m: [0.0; 2],
+            information: 2e4,
+        };
+        let found: Vec<Displacement> = (0..8).map(found).collect();
+        let motion = PairMotion::fit(&found, [&poses[0], &poses[1]], 0.3, 0.02);
+        let (near_m, far_m) = (motion.sigma_m(&here), motion.sigma_m(&point(1.8, -0.5)));
+        assert!(near_m < 0.007 && far_m > 2.0 * near_m, "{near_m} {far_m}");
     }
 }

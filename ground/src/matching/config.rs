@@ -3,6 +3,9 @@
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 
+/// Texel of the blurred grid: three of them are the least wavelength in a bond of the commonest bricks, 125 mm.
+const BLURRED_GRID_M: f64 = 0.049;
+
 /// Parameters of one round. Texels are those of the wall grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MatchConfig {
@@ -22,6 +25,8 @@ pub struct MatchConfig {
     pub band_small_px: f32,
     /// Band-pass and local contrast: standard deviation of the larger Gaussian, texels.
     pub band_large_px: f32,
+    /// Local contrast (of the logarithm) below which the wall counts as featureless.
+    pub contrast_floor: f32,
     /// One reference point is taken per cell of this side, texels.
     pub cell_px: usize,
     /// Half-width of the box over which a point's corner strength is summed, texels.
@@ -39,6 +44,9 @@ pub struct MatchConfig {
     pub min_agreeing: usize,
     /// ... that are at least this share of all its matches.
     pub min_agreeing_share: f64,
+    /// Repetitions farther off than the window are harmless, and so are those that the window of this round never reaches:
+    /// tells whether photos are looked at for repetitions.
+    pub resolve_repeats: bool,
     /// The wall is used where the angle between its normal and the view is at most this, radians.
     pub max_incidence_rad: f64,
 }
@@ -70,6 +78,8 @@ impl MatchConfig {
             widen: 1.7,
             band_small_px: 1.0,
             band_large_px: 8.0,
+            // About the noise of a dark photo.
+            contrast_floor: 0.01,
             cell_px: 40,
             corner_px: 4,
             min_ncc: 0.3,
@@ -78,6 +88,7 @@ impl MatchConfig {
             max_partners: 40,
             min_agreeing: 6,
             min_agreeing_share: 0.25,
+            resolve_repeats: true,
             max_incidence_rad: 68_f64.to_radians(),
         }
     }
@@ -94,7 +105,26 @@ impl MatchConfig {
             band_large_px: 6.0,
             cell_px: 60,
             gate_px: 2.0,
+            resolve_repeats: false,
             ..Self::wide(native_m)
         }
+    }
+
+    /// The same round too blurred to show bricks or tiles, but stains still: where on a wall that repeats itself is this?
+    pub(super) fn blurred(&self) -> Option<Self> {
+        self.resolve_repeats.then(|| Self {
+            grid_m: BLURRED_GRID_M.max(2.0 * self.grid_m),
+            template_px: 21,
+            min_search_px: 2,
+            band_small_px: 1.2,
+            band_large_px: 8.0,
+            // What lamp and vignetting leave in this band, which moves with the camera.
+            contrast_floor: 0.04,
+            cell_px: 8,
+            min_ncc: 0.5,
+            gate_px: 1.0,
+            resolve_repeats: false,
+            ..self.clone()
+        })
     }
 }

@@ -9,9 +9,6 @@ use pulp::Arch;
 /// Texels averaged before a wide Gaussian or a box sum, per axis.
 pub(super) const DECIMATION: usize = 4;
 
-/// Contrast (of the logarithm) below which the wall counts as featureless; about the noise of a dark photo.
-const CONTRAST_FLOOR: f32 = 0.01;
-
 /// Columns of a Gaussian that are summed in registers.
 const STRIP: usize = 32;
 
@@ -48,9 +45,9 @@ pub(super) struct Band {
 impl Band {
     /// Band-pass and local contrast normalisation of a plane in which NaN marks unseen texels.
     ///
-    /// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)`; every Gaussian over the seen
+    /// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)` plus the floor; every Gaussian over the seen
     /// texels only. Width and height are multiples of [`DECIMATION`].
-    pub(super) fn new(plane: &Plane, small_px: f32, large_px: f32) -> Self {
+    pub(super) fn new(plane: &Plane, small_px: f32, large_px: f32, contrast_floor: f32) -> Self {
         let large_px = large_px / DECIMATION as f32;
         let seen = decimated(plane, |value| if value.is_nan() { 0.0 } else { 1.0 });
         let weight = gaussian(&seen, large_px);
@@ -69,7 +66,7 @@ impl Band {
         let mut texels = blurred([plane.width, plane.height], small_px, centre, hide_unseen);
         let mut gain = ratio(&gaussian(&decimated(&texels, |value| value * value), large_px), &weight);
         for value in &mut gain.data {
-            *value = 1.0 / (value.max(0.0).sqrt() + CONTRAST_FLOOR);
+            *value = 1.0 / (value.max(0.0).sqrt() + contrast_floor);
         }
         let mut gain = Upsampled::new(gain);
         for row in 0..texels.height {
@@ -318,7 +315,7 @@ mod tests {
         for value in &mut other.data {
             *value = 3.0 * *value + 20.0;
         }
-        let (band, other) = (Band::new(&plane, 1.0, 8.0), Band::new(&other, 1.0, 8.0));
+        let (band, other) = (Band::new(&plane, 1.0, 8.0, 0.01), Band::new(&other, 1.0, 8.0, 0.01));
         assert!(band.seen.data.iter().all(|&share| share == 1.0));
         let worst = band.texels.data.iter().zip(&other.texels.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst < 0.05, "differs by {worst}");
@@ -330,7 +327,7 @@ mod tests {
         for row in 8..20 {
             plane.row_mut(row)[10..40].fill(f32::NAN);
         }
-        let band = Band::new(&plane, 1.0, 8.0);
+        let band = Band::new(&plane, 1.0, 8.0, 0.01);
         assert!(band.texels.data.iter().all(|value| value.is_finite()));
         assert!(plane.data.iter().zip(&band.texels.data).all(|(given, value)| given.is_nan() == (*value == 0.0)));
         assert_eq!(band.seen.row(3)[2..10], [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);

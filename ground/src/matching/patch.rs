@@ -38,7 +38,7 @@ impl Patch {
         config: &MatchConfig,
     ) -> Self {
         let rectified = rectify(grid, tunnel_from_cam, footprint, pixels);
-        let band = Band::new(&rectified, config.band_small_px, config.band_large_px);
+        let band = Band::new(&rectified, config.band_small_px, config.band_large_px, config.contrast_floor);
         let usable = usable(&band, config.template_px / 2);
         let origin = footprint.block0.map(|block| block * BLOCK as i64);
         let points = reference_points(&band.texels, &usable, origin, config);

@@ -6,64 +6,30 @@ use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
-use super::coherence::{Displacement, PairMotion, displacement_sigma_m};
+use super::level::{Hint, Level, Match, PairSearch, global_place};
 use super::pairs::{ExpectedPair, expected_pairs, last_needed};
 use super::patch::Patch;
-use super::search::{Search, SearchSize};
-use super::wall::{BLOCK, Footprint, WallGrid};
+use super::repeats::repeat_px;
+use super::search::Search;
+use super::wall::Footprint;
 use super::{MatchConfig, MatchRound, PairReport, Photos, Pixels, ViewPose};
-use crate::adjust::{Observation, Tracks, median};
+use crate::adjust::{Observation, Tracks};
 
-/// Points of a pair that are searched for in the whole window before the others, about.
-const PROBES: usize = 16;
-
-/// Probes of a pair that does not agree at once, before it is given up.
-const MOST_PROBES: usize = 48;
-
-/// Share of the probes' matches that must agree for the others to be searched for near their prediction only.
-const PROBES_AGREEING: f64 = 0.7;
-
-/// Points at which the uncertainty of a pair's displacement is looked at.
-const WINDOW_SAMPLES: usize = 5;
-
-/// A reference point that another photo should see.
-#[derive(Clone, Copy, Debug)]
-struct Candidate {
-    /// 0: the pair's first photo holds the reference point, 1: its second.
-    from: usize,
-    /// Its number there.
-    point: usize,
-    /// Its place in that photo's window.
-    place: [usize; 2],
-    /// Its place in the other photo's window, by the poses.
-    predicted: [i64; 2],
-    /// Its place on the wall, texels, in the columns of its own photo.
-    reference: [f64; 2],
-}
-
-impl Candidate {
-    /// A reference in the second photo that the first one finds is displaced the other way.
-    fn sign(&self) -> f64 {
-        if self.from == 0 { 1.0 } else { -1.0 }
-    }
-}
-
-/// A reference point that another photo found.
-#[derive(Clone, Copy, Debug)]
-struct Match {
-    candidate: Candidate,
-    /// Where it was found minus where it was predicted, texels.
-    displacement: [f64; 2],
+/// A photo as loaded.
+struct View {
+    sharp: Patch,
+    /// Of a photo whose wall repeats itself: how soon, texels, and the photo too blurred to show it.
+    repeating: Option<(f64, Patch)>,
 }
 
 /// Photos as loaded so far.
-type Patches = Vec<Option<Arc<Patch>>>;
+type Views = Vec<Option<Arc<View>>>;
 
 /// What [`match_round`] needs at every step.
 struct Round<'a> {
-    grid: WallGrid<'a>,
-    poses: &'a [ViewPose],
-    config: &'a MatchConfig,
+    sharp: Level<'a>,
+    /// Where repetitions vanish; `None` if the windows are smaller than what repeats.
+    blurred: Option<Level<'a>>,
 }
 
 /// Matches every two photos that should overlap.
@@ -80,14 +46,17 @@ pub fn match_round<P: Photos + ?Sized>(
     wanted: &dyn Fn([usize; 2]) -> bool,
     progress: &dyn Fn(usize),
 ) -> MatchRound {
-    let grid = WallGrid::new(profile, camera, config.grid_m, config.max_incidence_rad);
-    let round = Round { grid, poses, config };
+    let round = Round {
+        sharp: Level::new(profile, camera, poses, config.clone()),
+        blurred: config.blurred().map(|config| Level::new(profile, camera, poses, config)),
+    };
     let footprints: Vec<Option<Footprint>> =
-        poses.par_iter().map(|pose| Footprint::new(&round.grid, &pose.tunnel_from_cam)).collect();
-    let mut expected = expected_pairs(&footprints, round.blocks_around(), config.min_overlap, config.max_partners);
+        poses.par_iter().map(|pose| Footprint::new(&round.sharp.grid, &pose.tunnel_from_cam)).collect();
+    let mut expected =
+        expected_pairs(&footprints, round.sharp.blocks_around(), config.min_overlap, config.max_partners);
     expected.retain(|pair| wanted(pair.photos));
     let last_needed = last_needed(&expected, poses.len());
-    let mut patches: Patches = vec![None; poses.len()];
+    let mut views: Views = vec![None; poses.len()];
     let mut found: Vec<Vec<Found>> = vec![Vec::new(); poses.len()];
     let mut finished: Vec<Option<Tracks>> = vec![None; poses.len()];
     let mut next = 0;
@@ -96,23 +65,23 @@ pub fn match_round<P: Photos + ?Sized>(
     let mut waiting = expected.as_slice();
     for start in (0..poses.len()).step_by(batch) {
         let end = (start + batch).min(poses.len());
-        let loaded: Patches = (start..end)
+        let loaded: Views = (start..end)
             .into_par_iter()
-            .map(|photo| {
+            .map_init(Search::default, |search, photo| {
                 last_needed[photo]?;
-                round.patch(photo, footprints[photo].as_ref()?, photos).map(Arc::new)
+                round.view(photo, footprints[photo].as_ref()?, photos, search).map(Arc::new)
             })
             .collect();
-        for (photo, patch) in (start..end).zip(loaded) {
-            if patch.is_none() && (last_needed[photo].is_some() || footprints[photo].is_none()) {
+        for (photo, view) in (start..end).zip(loaded) {
+            if view.is_none() && (last_needed[photo].is_some() || footprints[photo].is_none()) {
                 result.unusable.push(photo as u32);
             }
-            patches[photo] = patch;
+            views[photo] = view;
         }
         let (ready, later) = waiting.split_at(waiting.partition_point(|pair| pair.photos[1] < end));
         waiting = later;
         let done: Vec<Option<(PairReport, Vec<Match>)>> =
-            ready.par_iter().map_init(Search::default, |search, pair| round.pair(pair, &patches, search)).collect();
+            ready.par_iter().map_init(Search::default, |search, pair| round.pair(pair, &views, search)).collect();
         for (report, matches) in done.into_iter().flatten() {
             round.collect(&report, &matches, &mut found);
             result.pairs.push(report);
@@ -120,9 +89,9 @@ pub fn match_round<P: Photos + ?Sized>(
         for photo in 0..end {
             if finished[photo].is_none() && last_needed[photo].is_none_or(|last| last < end) {
                 let found = std::mem::take(&mut found[photo]);
-                let patch = patches[photo].take();
+                let view = views[photo].take();
                 finished[photo] =
-                    Some(patch.map_or_else(Tracks::default, |patch| round.tracks_of(photo, &patch, found)));
+                    Some(view.map_or_else(Tracks::default, |view| round.tracks_of(photo, &view.sharp, found)));
             }
         }
         // In order of the photos, whatever the batches are.
@@ -146,16 +115,24 @@ struct Found {
 }
 
 impl Round<'_> {
-    fn blocks_around(&self) -> i64 {
-        self.grid.columns / BLOCK as i64
-    }
-
-    fn patch<P: Photos + ?Sized>(&self, photo: usize, footprint: &Footprint, photos: &P) -> Option<Patch> {
+    fn view<P: Photos + ?Sized>(
+        &self,
+        photo: usize,
+        footprint: &Footprint,
+        photos: &P,
+        search: &mut Search,
+    ) -> Option<View> {
         let pixels = photos.load(photo)?;
-        if !has_size_of(&pixels, self.grid.camera) {
+        if !has_size_of(&pixels, self.sharp.grid.camera) {
             return None;
         }
-        Some(Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, &pixels, self.config))
+        let sharp = self.sharp.patch(photo, footprint, &pixels);
+        let repeating = self.blurred.as_ref().and_then(|level| {
+            let repeat_px = repeat_px(&sharp, &self.sharp.config, search)?;
+            let footprint = Footprint::new(&level.grid, &level.poses[photo].tunnel_from_cam)?;
+            Some((repeat_px, level.patch(photo, &footprint, &pixels)))
+        });
+        Some(View { sharp, repeating })
     }
 
     /// The reference points of a photo that others found, in the order of the points, then of the photos.
@@ -164,8 +141,8 @@ impl Round<'_> {
         found.sort_unstable_by_key(|one| (one.point, one.seen.photo));
         for group in found.chunk_by(|a, b| a.point == b.point) {
             let place = global_place(patch, patch.points[group[0].point as usize]);
-            let pixel = self.grid.pixel(&self.poses[photo].tunnel_from_cam, place[0], place[1]);
-            if let (Some(pixel), Some(point)) = (pixel, self.grid.point(place[0], place[1])) {
+            let pixel = self.sharp.grid.pixel(&self.sharp.poses[photo].tunnel_from_cam, place[0], place[1]);
+            if let (Some(pixel), Some(point)) = (pixel, self.sharp.grid.point(place[0], place[1])) {
                 let reference = Observation { photo: photo as u32, pixel: [pixel.x as f32, pixel.y as f32] };
                 tracks.push(point.position, std::iter::once(reference).chain(group.iter().map(|one| one.seen)));
             }
@@ -174,23 +151,20 @@ impl Round<'_> {
     }
 
     /// Tries a pair; `None` if a photo is missing or the masks leave too little overlap.
-    fn pair(
-        &self,
-        expected: &ExpectedPair,
-        patches: &Patches,
-        search: &mut Search,
-    ) -> Option<(PairReport, Vec<Match>)> {
-        let [first, second] = expected.photos;
-        let pair = [patches[first].as_deref()?, patches[second].as_deref()?];
-        let overlap = pair[0].footprint.overlap(&pair[1].footprint, self.blocks_around());
-        if overlap < self.config.min_overlap {
+    fn pair(&self, expected: &ExpectedPair, views: &Views, search: &mut Search) -> Option<(PairReport, Vec<Match>)> {
+        let photos = expected.photos;
+        let views = [views[photos[0]].as_deref()?, views[photos[1]].as_deref()?];
+        let pair = views.map(|view| &view.sharp);
+        let level = &self.sharp;
+        let overlap = pair[0].footprint.overlap(&pair[1].footprint, level.blocks_around());
+        if overlap < level.config.min_overlap {
             return None;
         }
-        let candidates = self.candidates(pair);
-        let reach_px = self.reach_px(expected.photos, &candidates);
+        let candidates = level.candidates(pair);
+        let needed_px = level.needed_px(photos, &candidates);
         let mut report = PairReport {
-            first: first as u32,
-            second: second as u32,
+            first: photos[0] as u32,
+            second: photos[1] as u32,
             overlap,
             attempted: candidates.len() as u32,
             matched: 0,
@@ -198,99 +172,53 @@ impl Round<'_> {
             kept: false,
             widened: false,
             shift_m: [0.0; 2],
-            too_uncertain: reach_px.iter().any(|&reach| reach > self.config.max_search_px),
+            too_uncertain: needed_px.iter().any(|&reach| reach > level.config.max_search_px),
         };
         if report.too_uncertain {
             return Some((report, Vec::new()));
         }
-        let searched = PairSearch { round: self, photos: expected.photos, pair, candidates: &candidates };
-        let mut matches = searched.run(reach_px, search, &mut report);
-        if report.is_doubtful() && self.config.widen > 1.0 {
-            let wider_px = reach_px.map(|reach| (reach as f64 * self.config.widen).round() as usize);
-            let mut again = PairReport { widened: true, ..report };
-            let found = searched.run(wider_px, search, &mut again);
-            report.widened = true;
-            if again.agreeing > report.agreeing {
-                (report, matches) = (again, found);
+        let searched = PairSearch { level, photos, pair, candidates: &candidates };
+        let matches = match views.map(|view| view.repeating.as_ref()) {
+            [Some(first), Some(second)] => {
+                let most_px = 0.5 * first.0.min(second.0) - 1.0;
+                self.among_repeats(&searched, [&first.1, &second.1], needed_px, most_px, search, &mut report)
             }
-        }
+            _ => searched.run_widening(level.reach_px(needed_px), search, &mut report),
+        };
         Some((report, matches))
     }
 
-    /// Half-width and half-height of the search: the uncertainty of the displacement between the two photos.
-    fn reach_px(&self, photos: [usize; 2], candidates: &[Candidate]) -> [usize; 2] {
-        let poses = photos.map(|photo| &self.poses[photo]);
-        let mut sigma_m = [0.0_f64; 2];
-        for candidate in candidates.iter().step_by((candidates.len() / WINDOW_SAMPLES).max(1)) {
-            if let Some(point) = self.grid.point(candidate.reference[0], candidate.reference[1]) {
-                let here_m = displacement_sigma_m(&point, poses);
-                sigma_m = [0, 1].map(|axis| sigma_m[axis].max(here_m[axis]));
-            }
-        }
-        sigma_m.map(|sigma_m| {
-            let reach_px = (self.config.search_sigmas * sigma_m / self.grid.step_m).ceil() as usize;
-            reach_px.max(self.config.min_search_px)
-        })
+    /// Searches a pair whose wall repeats itself: nowhere farther than `most_px` from where the point is expected.
+    fn among_repeats(
+        &self,
+        searched: &PairSearch<'_>,
+        blurred: [&Patch; 2],
+        needed_px: [usize; 2],
+        most_px: f64,
+        search: &mut Search,
+        report: &mut PairReport,
+    ) -> Vec<Match> {
+        let hint = if needed_px.iter().all(|&needed| needed as f64 <= most_px) {
+            Some(Hint::default())
+        } else {
+            self.hint(searched.photos, blurred, report, search)
+        };
+        let Some(hint) = hint else {
+            report.too_uncertain = true;
+            return Vec::new();
+        };
+        searched.run_near(&hint, most_px as usize, searched.level.reach_px(needed_px), search, report)
     }
 
-    /// Reference points of both photos that the other should see, by the poses.
-    fn candidates(&self, pair: [&Patch; 2]) -> Vec<Candidate> {
-        let mut candidates = Vec::new();
-        for from in [0, 1] {
-            let (source, target) = (pair[from], pair[1 - from]);
-            // The same wall may be counted a turn apart in the two photos.
-            let turns = target.footprint.turns_to(&source.footprint, self.blocks_around()) * BLOCK as i64;
-            for (point, &place) in source.points.iter().enumerate() {
-                let predicted = [
-                    place[0] as i64 + source.origin[0] + turns - target.origin[0],
-                    place[1] as i64 + source.origin[1] - target.origin[1],
-                ];
-                if target.is_usable(predicted) {
-                    candidates.push(Candidate {
-                        from,
-                        point,
-                        place,
-                        predicted,
-                        reference: global_place(source, place),
-                    });
-                }
-            }
-        }
-        candidates
-    }
-
-    fn size(&self, reach: [usize; 2]) -> SearchSize {
-        SearchSize { half: self.config.template_px / 2, reach, min_ncc: self.config.min_ncc }
-    }
-
-    /// Half-width of the search around a prediction from probes.
-    fn narrow_px(&self) -> usize {
-        ((2.0 * self.config.gate_px).ceil() as usize + 2).max(self.config.min_search_px)
-    }
-
-    fn motion(&self, photos: [usize; 2], matches: &[Match], reach_px: [usize; 2]) -> PairMotion<'_> {
-        let displacements: Vec<Displacement> = matches.iter().filter_map(|one| self.displacement(one)).collect();
-        let step_m = self.grid.step_m;
-        let poses = photos.map(|photo| &self.poses[photo]);
-        let reach_m = reach_px[0].max(reach_px[1]) as f64 * step_m;
-        PairMotion::fit(&displacements, poses, reach_m, self.config.gate_px * step_m)
-    }
-
-    fn agrees(&self, motion: &PairMotion<'_>, one: &Match) -> bool {
-        let gate_m = self.config.gate_px * self.grid.step_m;
-        self.displacement(one).is_some_and(|displacement| motion.agrees(&displacement, gate_m))
-    }
-
-    fn displacement(&self, one: &Match) -> Option<Displacement> {
-        let point = self.grid.point(one.candidate.reference[0], one.candidate.reference[1])?;
-        let sign = one.candidate.sign();
-        Some(Displacement { point, found_m: one.displacement.map(|texels| sign * texels * self.grid.step_m) })
-    }
-
-    fn predicted_offset(&self, motion: &PairMotion<'_>, candidate: &Candidate) -> Option<[i64; 2]> {
-        let point = self.grid.point(candidate.reference[0], candidate.reference[1])?;
-        let texels = motion.displacement_m(&point) * (candidate.sign() / self.grid.step_m);
-        Some([texels.x.round() as i64, texels.y.round() as i64])
+    /// What two photos that are too blurred to show what repeats say of their motion.
+    fn hint(&self, photos: [usize; 2], pair: [&Patch; 2], report: &PairReport, search: &mut Search) -> Option<Hint> {
+        let level = self.blurred.as_ref()?;
+        let candidates = level.candidates(pair);
+        let searched = PairSearch { level, photos, pair, candidates: &candidates };
+        let mut report = *report;
+        let matches = searched.run_widening(level.reach_px(level.needed_px(photos, &candidates)), search, &mut report);
+        let clear = report.kept && !report.is_doubtful();
+        clear.then(|| Hint { found: level.displacements(&matches), gate_m: level.gate_m() })
     }
 
     fn collect(&self, report: &PairReport, matches: &[Match], found: &mut [Vec<Found>]) {
@@ -301,90 +229,13 @@ impl Round<'_> {
         for one in matches {
             let photo = photos[1 - one.candidate.from];
             let place = [0, 1].map(|axis| one.candidate.reference[axis] + one.displacement[axis]);
-            let pose = &self.poses[photo as usize].tunnel_from_cam;
-            if let Some(pixel) = self.grid.pixel(pose, place[0], place[1]) {
+            let pose = &self.sharp.poses[photo as usize].tunnel_from_cam;
+            if let Some(pixel) = self.sharp.grid.pixel(pose, place[0], place[1]) {
                 let seen = Observation { photo, pixel: [pixel.x as f32, pixel.y as f32] };
                 found[photos[one.candidate.from] as usize].push(Found { point: one.candidate.point as u32, seen });
             }
         }
     }
-}
-
-/// A pair about to be searched.
-struct PairSearch<'a> {
-    round: &'a Round<'a>,
-    photos: [usize; 2],
-    pair: [&'a Patch; 2],
-    candidates: &'a [Candidate],
-}
-
-impl PairSearch<'_> {
-    /// Searches the pair's points in a window and keeps what agrees with one motion.
-    ///
-    /// A few probes are searched for in the whole window. If they clearly agree, the others are near their prediction; if
-    /// even the most probes hardly agree, the others would not either.
-    fn run(&self, reach_px: [usize; 2], search: &mut Search, report: &mut PairReport) -> Vec<Match> {
-        let round = self.round;
-        let (wide, narrow) = (round.size(reach_px), round.size([round.narrow_px(); 2]));
-        let count = self.candidates.len();
-        let worth_probing = 2 * narrow.reach[0].max(narrow.reach[1]) < reach_px[0].max(reach_px[1]);
-        let mut probed = vec![false; count];
-        let mut matches = Vec::new();
-        let mut tries = 0;
-        let mut clear = None;
-        for most in if worth_probing { [PROBES, MOST_PROBES] } else { [count; 2] } {
-            let stride = (count / most.max(1)).max(1);
-            for index in (0..count).step_by(stride) {
-                if !std::mem::replace(&mut probed[index], true) {
-                    tries += 1;
-                    matches.extend(self.find(&self.candidates[index], [0, 0], &wide, search));
-                }
-            }
-            if !worth_probing {
-                break;
-            }
-            let motion = round.motion(self.photos, &matches, reach_px);
-            let agreeing = matches.iter().filter(|one| round.agrees(&motion, one)).count();
-            if agreeing as f64 >= (PROBES_AGREEING * matches.len() as f64).max(0.5 * PROBES as f64) {
-                clear = Some(motion);
-                break;
-            }
-            if tries >= MOST_PROBES && agreeing < round.config.min_agreeing {
-                report.matched = matches.len() as u32;
-                return Vec::new();
-            }
-        }
-        for (candidate, _) in self.candidates.iter().zip(&probed).filter(|(_, probed)| !**probed) {
-            let offset = clear.as_ref().and_then(|motion| round.predicted_offset(motion, candidate));
-            matches.extend(match offset {
-                Some(offset) => self.find(candidate, offset, &narrow, search),
-                None => self.find(candidate, [0, 0], &wide, search),
-            });
-        }
-        report.matched = matches.len() as u32;
-        let motion = round.motion(self.photos, &matches, reach_px);
-        matches.retain(|one| round.agrees(&motion, one));
-        report.agreeing = matches.len() as u32;
-        report.shift_m = [0, 1].map(|axis| {
-            let shifts: Vec<f64> = matches.iter().map(|one| one.candidate.sign() * one.displacement[axis]).collect();
-            median(&shifts) * round.grid.step_m
-        });
-        let least = (round.config.min_agreeing_share * f64::from(report.matched)).max(round.config.min_agreeing as f64);
-        report.kept = f64::from(report.agreeing) >= least;
-        matches
-    }
-
-    fn find(&self, candidate: &Candidate, offset: [i64; 2], size: &SearchSize, search: &mut Search) -> Option<Match> {
-        let (source, target) = (self.pair[candidate.from], self.pair[1 - candidate.from]);
-        let middle = [0, 1].map(|axis| candidate.predicted[axis] + offset[axis]);
-        let peak = search.find(source, candidate.place, target, middle, size)?;
-        let displacement = [0, 1].map(|axis| peak.offset[axis] + offset[axis] as f64);
-        Some(Match { candidate: *candidate, displacement })
-    }
-}
-
-fn global_place(patch: &Patch, point: [usize; 2]) -> [f64; 2] {
-    [0, 1].map(|axis| (patch.origin[axis] + point[axis] as i64) as f64)
 }
 
 fn has_size_of(pixels: &Pixels<'_>, camera: &Camera<f64>) -> bool {

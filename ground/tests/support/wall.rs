@@ -1,4 +1,4 @@
-//! A small world of its own for the matching: photos of a round tunnel with a noisy texture, bulging if wanted.
+//! A small world of its own for the matching: photos of a round tunnel with a texture of noise or of bricks, bulging if wanted.
 
 use std::borrow::Cow;
 use std::f64::consts::TAU;
@@ -16,9 +16,27 @@ pub(crate) const RADIUS_M: f64 = 3.0;
 /// Sides of the texture's cells along the axis, and their weights.
 const OCTAVES: [(f64, f64); 3] = [(0.012, 0.4), (0.04, 0.35), (0.15, 0.25)];
 
+/// Pitch of the bricks along the axis and, about, around; width of the joints.
+const BRICK_M: [f64; 3] = [0.225, 0.075, 0.01];
+
+/// Sides of the stains' cells along the axis and, about, around.
+const STAIN_M: [f64; 2] = [0.35, 1.4];
+
+/// What the wall shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Paint {
+    /// Noise of several sizes.
+    Grained,
+    /// Bricks in half bond, all alike, with a stain here and there.
+    StainedBricks,
+    /// Bricks all alike and nothing else.
+    CleanBricks,
+}
+
 /// A round tunnel whose wall may stand out from the circle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wall {
+    pub(crate) paint: Paint,
     /// Height of the relief, metres; its standard deviation is about half of it.
     pub(crate) relief_m: f64,
 }
@@ -70,10 +88,18 @@ impl Wall {
             let from_middle = (pixel - Vector2::from(camera.centre_px)) / camera.focal_px[0];
             let noise = 6.0 * (random(seed, index as i64, 0) - 0.5);
             let light = 190.0 / (1.0 + 0.5 * from_middle.norm_squared());
-            (light * texture(&self.hit(pose, pixel)) + noise).round().clamp(0.0, 255.0) as u8
+            (light * self.reflectance(&self.hit(pose, pixel)) + noise).round().clamp(0.0, 255.0) as u8
         };
         let data = (0..width * height).into_par_iter().map(shade).collect();
         Pixels { grey: Cow::Owned(Luma { width, height, data }), mask: None }
+    }
+
+    fn reflectance(self, point: &Point3<f64>) -> f64 {
+        match self.paint {
+            Paint::Grained => grain(point),
+            Paint::StainedBricks => bricks(point) * stains(point),
+            Paint::CleanBricks => bricks(point),
+        }
     }
 
     fn relief(self, point: &Vector3<f64>) -> f64 {
@@ -82,9 +108,33 @@ impl Wall {
     }
 }
 
+/// Place around the section, turns from the crown.
+fn turn(point: &Point3<f64>) -> f64 {
+    (point.y.atan2(-point.z) / TAU).rem_euclid(1.0)
+}
+
+/// Bricks of 0.4 in joints of 0.8, with edges as soft as a pixel.
+fn bricks(point: &Point3<f64>) -> f64 {
+    let [length_m, height_m, joint_m] = BRICK_M;
+    // An even number, so that the bond closes.
+    let courses = 2.0 * (0.5 * TAU * RADIUS_M / height_m).round();
+    let course = turn(point) * courses;
+    let along = point.x / length_m + 0.5 * course.floor().rem_euclid(2.0);
+    let from_joint_m = |place: f64, pitch_m: f64| 0.5 * pitch_m - (place - place.floor() - 0.5).abs() * pitch_m;
+    let nearest_m = from_joint_m(course, TAU * RADIUS_M / courses).min(from_joint_m(along, length_m));
+    0.8 - 0.4 * ((nearest_m - 0.5 * joint_m) / 0.006 + 0.5).clamp(0.0, 1.0)
+}
+
+/// 0.65 in about one place in twenty, else 1.
+fn stains(point: &Point3<f64>) -> f64 {
+    let around = (TAU * RADIUS_M / STAIN_M[1]).round();
+    let damp = lattice_noise(9, turn(point) * around, around as i64, point.x / STAIN_M[0]);
+    1.0 - 0.35 * ((damp - 0.78) / 0.1).clamp(0.0, 1.0)
+}
+
 /// Reflectance, about 0.2 to 0.9.
-fn texture(point: &Point3<f64>) -> f64 {
-    let turn = (point.y.atan2(-point.z) / TAU).rem_euclid(1.0);
+fn grain(point: &Point3<f64>) -> f64 {
+    let turn = turn(point);
     let octave = |index: usize| {
         let (cell_m, weight) = OCTAVES[index];
         let around = (TAU * RADIUS_M / cell_m).round();
