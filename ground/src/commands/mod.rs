@@ -4,6 +4,7 @@ mod ablation;
 mod adjust;
 mod board;
 mod evaluate;
+mod export;
 mod ingest;
 mod match_photos;
 mod plan;
@@ -28,7 +29,7 @@ pub(crate) enum Answer {
 /// Adit: from a flight through a tunnel to the place of every pixel.
 ///
 /// A survey's way: `adit plan` before the flight, `adit ingest` and `adit reconstruct` after it, `adit evaluate` where
-/// there is a truth to compare with. `adit board` talks to the board: its parameters, its logs, its key.
+/// there is a truth to compare with, `adit export` for other programs. `adit board` talks to the board: its parameters, its logs, its key.
 #[derive(Debug, Parser)]
 #[command(name = "adit", version, after_help = AFTER_HELP, max_term_width = 100)]
 pub(crate) struct Cli {
@@ -65,6 +66,7 @@ enum Command {
     Board(board::Arguments),
     Adjust(adjust::Arguments),
     Ablation(ablation::Arguments),
+    Export(export::Arguments),
 }
 
 impl Cli {
@@ -78,6 +80,7 @@ impl Cli {
             Command::Board(arguments) => board::run(&arguments, &self.common),
             Command::Adjust(arguments) => adjust::run(&arguments, &self.common),
             Command::Ablation(arguments) => ablation::run(&arguments, &self.common),
+            Command::Export(arguments) => export::run(&arguments, &self.common),
         }
     }
 }
