@@ -30,7 +30,7 @@ pub(super) fn write(path: &Path, source: &PointSource<'_>, tick: &dyn Fn()) -> R
     let transforms = *header.transforms();
     let record = slab.record_len();
     let fault = Fault::default();
-    let file = Sturdy { file: BufWriter::new(File::create(path).map_err(at_path(path))?), fault: fault.clone() };
+    let file = Sturdy::new(File::create(path).map_err(at_path(path))?, fault.clone());
     let mut writer = Writer::new(file, header).map_err(failed)?;
     let count = source.stream(tick, |points| {
         let bytes = slab.resize_for(points.len());
@@ -112,38 +112,55 @@ impl Fault {
     }
 }
 
-/// A file that keeps its first failure for [`Fault::check`] and goes on as if nothing had happened: [`Writer`] panics
-/// when it is dropped and cannot write its header, on a full disk for one.
+/// A file that keeps its first failure for [`Fault::check`] and from then on only counts: [`Writer`] panics when it is dropped
+/// and cannot write its header, on a full disk for one.
 struct Sturdy {
     file: BufWriter<File>,
     fault: Fault,
+    failed: bool,
+    place: u64,
+    length: u64,
 }
 
 impl Sturdy {
-    fn note<T>(&self, result: io::Result<T>, instead: T) -> T {
-        result.unwrap_or_else(|error| {
-            self.fault.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-            instead
-        })
+    fn new(file: File, fault: Fault) -> Self {
+        Self { file: BufWriter::new(file), fault, failed: false, place: 0, length: 0 }
+    }
+
+    fn attempt(&mut self, act: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) {
+        if !self.failed
+            && let Err(error) = act(&mut self.file)
+        {
+            self.failed = true;
+            *self.fault.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+        }
     }
 }
 
 impl Write for Sturdy {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.file.write(bytes);
-        Ok(self.note(written, bytes.len()))
+        self.attempt(|file| file.write_all(bytes));
+        self.place += bytes.len() as u64;
+        self.length = self.length.max(self.place);
+        Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        let flushed = self.file.flush();
-        self.note(flushed, ());
+        self.attempt(Write::flush);
         Ok(())
     }
 }
 
 impl Seek for Sturdy {
-    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
-        let reached = self.file.seek(place);
-        Ok(self.note(reached, 0))
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let (base, step) = match to {
+            SeekFrom::Start(place) => (place, 0),
+            SeekFrom::Current(step) => (self.place, step),
+            SeekFrom::End(step) => (self.length, step),
+        };
+        self.place = base.checked_add_signed(step).ok_or(io::ErrorKind::InvalidInput)?;
+        let place = self.place;
+        self.attempt(|file| file.seek(SeekFrom::Start(place)).map(|_| ()));
+        Ok(place)
     }
 }

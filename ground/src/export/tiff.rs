@@ -160,7 +160,7 @@ impl Picture<'_> {
             Layer::Rgba => deflate(&predicted(tile)),
             Layer::Mask => deflate(&mask(tile)),
             Layer::Jpeg => {
-                let rgb: Vec<u8> = tile.data.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+                let rgb = without_edges(tile);
                 let mut jpeg = Vec::new();
                 let mut encoder = Encoder::new(&mut jpeg, self.jpeg_quality);
                 encoder.set_sampling_factor(SamplingFactor::F_1_1);
@@ -257,6 +257,31 @@ fn predicted(tile: &Rgba8) -> Vec<u8> {
     out
 }
 
+/// Side of the blocks that JPEG transforms.
+const JPEG_BLOCK_PX: usize = 8;
+
+/// Colours alone; in blocks that were seen in part the unseen pixels get the mean of the others: an edge to black would
+/// ripple over them.
+fn without_edges(tile: &Rgba8) -> Vec<u8> {
+    let mut rgb: Vec<u8> = tile.data.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+    for block in 0..tile.width / JPEG_BLOCK_PX * (tile.height / JPEG_BLOCK_PX) {
+        let (row, column) = (block / (tile.width / JPEG_BLOCK_PX), block % (tile.width / JPEG_BLOCK_PX));
+        let corner = (row * tile.width + column) * JPEG_BLOCK_PX;
+        let places = (0..JPEG_BLOCK_PX.pow(2)).map(|at| corner + at / JPEG_BLOCK_PX * tile.width + at % JPEG_BLOCK_PX);
+        let (seen, unseen): (Vec<usize>, Vec<usize>) = places.partition(|&place| tile.data[place * 4 + 3] > 0);
+        if seen.is_empty() {
+            continue;
+        }
+        for channel in 0..3 {
+            let sum: usize = seen.iter().map(|place| usize::from(rgb[place * 3 + channel])).sum();
+            for place in &unseen {
+                rgb[place * 3 + channel] = (sum / seen.len()) as u8;
+            }
+        }
+    }
+    rgb
+}
+
 /// One bit per pixel, the highest first; 1 where a photo saw the wall.
 fn mask(tile: &Rgba8) -> Vec<u8> {
     let seen = |pixels: &[u8]| {
@@ -278,6 +303,17 @@ mod tests {
             found[at] = found[at].wrapping_add(found[at - 4]);
         }
         assert_eq!(found, tile.data);
+    }
+
+    #[test]
+    fn unseen_pixels_beside_seen_ones_take_their_colour() {
+        let mut tile = Rgba8::new(16, 8);
+        for row in 0..8 {
+            tile.set(row % 2, row, [100 + 20 * (row % 2) as u8, 50, 7, 255]);
+        }
+        let rgb = without_edges(&tile);
+        assert_eq!((&rgb[..3], &rgb[15..18]), (&[100, 50, 7][..], &[110, 50, 7][..]));
+        assert_eq!(rgb[8 * 3..16 * 3], [0; 24]);
     }
 
     #[test]

@@ -140,7 +140,7 @@ impl Placement {
     /// Where the chunk starts: distance along the tunnel and arc length from the crown.
     fn name(&self) -> String {
         let s_m = self.s0_m + self.area.column as f64 * self.scale;
-        format!("wall_x{:+010.3}m_s{s_m:06.3}m", self.x_m(self.area.row as f64))
+        format!("wall_x{:+09.3}m_s{s_m:06.3}m", self.x_m(self.area.row as f64))
     }
 
     /// Texture coordinates of a place on the wall.
