@@ -58,6 +58,7 @@ fn prototype() -> Vec<Record> {
 fn guid(part: &str, source: &PointSource<'_>) -> String {
     let mut digest = Sha256::new();
     digest.update(format!("adit {part} {:?} {}", source.bounds_m(), source.step_m()));
-    let hex = digest.finalize().iter().take(16).map(|byte| format!("{byte:02X}")).collect::<String>();
+    let number = digest.finalize().first_chunk().map_or(0, |bytes| u128::from_be_bytes(*bytes));
+    let hex = format!("{number:032X}");
     format!("{{{}-{}-{}-{}-{}}}", &hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..])
 }

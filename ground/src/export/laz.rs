@@ -49,8 +49,8 @@ pub(super) fn write(path: &Path, source: &PointSource<'_>, tick: &dyn Fn()) -> R
 
 fn header(source: &PointSource<'_>) -> las::Result<las::Header> {
     let mut builder = Builder::from((1, 4));
-    builder.generating_software = concat!("adit ", env!("CARGO_PKG_VERSION")).to_owned();
-    builder.system_identifier = "x forward, y left, z up".to_owned();
+    concat!("adit ", env!("CARGO_PKG_VERSION")).clone_into(&mut builder.generating_software);
+    "x forward, y left, z up".clone_into(&mut builder.system_identifier);
     builder.point_format = Format { has_color: true, extra_bytes: 6, is_compressed: true, ..Format::default() };
     let axis = |offset: f64| Transform { scale: STEP_M, offset };
     builder.transforms = Vector { x: axis(source.bounds_m().0[0].floor()), y: axis(0.0), z: axis(0.0) };

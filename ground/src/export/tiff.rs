@@ -1,7 +1,7 @@
-//! panorama.tif: the panorama as a tiled GeoTIFF with overviews, written tile by tile from the deep-zoom pyramid.
+//! panorama.tif: the panorama as a tiled `GeoTIFF` with overviews, written tile by tile from the deep-zoom pyramid.
 //!
-//! TIFF 6.0, BigTIFF where 4 GiB might not do. The first directory is the panorama, the others (`NewSubfileType` 1) are
-//! its halvings, as GDAL, QGIS and libtiff expect overviews. GeoTIFF 1.1 tags give a local system in metres:
+//! TIFF 6.0, `BigTIFF` where 4 GiB might not do. The first directory is the panorama, the others (`NewSubfileType` 1) are
+//! its halvings, as GDAL, QGIS and libtiff expect overviews. `GeoTIFF` 1.1 tags give a local system in metres:
 //! X = arc length s from the crown, clockwise looking forward; Y = -x, so that the picture is neither turned nor mirrored:
 //! rows run forward along the tunnel, and map coordinates of pictures fall from row to row.
 
@@ -74,7 +74,7 @@ impl Picture<'_> {
         self.levels().into_iter().map(tiles).sum()
     }
 
-    /// Whether it has to be a BigTIFF: if it would not fit into a classic one even without compression.
+    /// Whether it has to be a `BigTIFF`: if it would not fit into a classic one even without compression.
     pub(super) fn is_big(&self) -> bool {
         (self.tiles() * TILE_PX * TILE_PX * 4) as u64 > CLASSIC_BYTES
     }
@@ -110,7 +110,6 @@ impl Picture<'_> {
                 directory.finish().map_err(failed)?;
             }
         }
-        drop(encoder);
         file.flush().map_err(at_path(path))
     }
 
@@ -210,12 +209,12 @@ impl Picture<'_> {
         }
     }
 
-    /// OGC GeoTIFF 1.1: pixel size, place of the corner, keys of a local system in metres.
+    /// OGC `GeoTIFF` 1.1: pixel size, place of the corner, keys of a local system in metres.
     fn place_on_earth<K: TiffKind>(
         &self,
         directory: &mut DirectoryEncoder<'_, &mut BufWriter<File>, K>,
     ) -> tiff::TiffResult<()> {
-        /// Ends with the separator of GeoTIFF's texts.
+        /// Ends with the separator of `GeoTIFF`'s texts.
         const SYSTEM: &str = "tunnel wall: X = arc length from the crown clockwise looking forward, \
                               Y = minus distance along the axis, metres|";
         /// Model is user-defined, pixels are areas, citation, metres.
