@@ -23,6 +23,7 @@ pub mod poses;
 pub mod prior;
 pub mod raster;
 pub mod report;
+pub mod surface;
 pub mod survey;
 pub mod texture;
 pub mod two_view;

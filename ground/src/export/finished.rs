@@ -6,9 +6,10 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::error::{ExportError, at_path};
-use crate::model::TexturedWall;
+use crate::model::{ModelError, TexturedWall};
 use crate::pipeline::{AdjustStage, Checkpoints, Stage};
 use crate::poses::Reconstruction;
+use crate::surface::SurfaceStore;
 use crate::texture::PanoramaGrid;
 
 /// A reconstruction's folder.
@@ -42,8 +43,18 @@ impl Finished {
         let path = self.out.join("panorama/panorama.json");
         let content = self.left_by(Stage::Texture, &path)?;
         let grid: PanoramaGrid = serde_json::from_slice(&content).map_err(|_| self.damaged(&path))?;
-        let wall = TexturedWall::open(&self.reconstruction()?.profile, &grid, &self.out)?;
-        Ok(self.wall.get_or_init(|| wall))
+        let surface = self.surface()?;
+        Ok(self.wall.get_or_init(|| TexturedWall::new(surface, &grid, &self.out)))
+    }
+
+    /// The measured wall; the section itself where the reconstruction is older than stage surface.
+    fn surface(&self) -> Result<SurfaceStore, ExportError> {
+        let surface = if self.out.join("surface").exists() {
+            SurfaceStore::open(&self.out)
+        } else {
+            SurfaceStore::flat(&self.reconstruction()?.profile)
+        };
+        Ok(surface.map_err(ModelError::from)?)
     }
 
     /// A file that is exported as it is.

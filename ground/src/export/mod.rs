@@ -242,7 +242,7 @@ impl Job<'_> {
             Format::Ply | Format::Laz | Format::E57 => self.points(format, path, progress),
             Format::Obj | Format::Glb => self.meshes(format, path, progress),
             Format::Tiff => self.picture(path, progress),
-            Format::Relief => self.copy("relief.tif", Stage::Model, path, progress),
+            Format::Relief => self.copy("relief.tif", Stage::Surface, path, progress),
             Format::Dzi => self.copy("panorama/tiles", Stage::Texture, path, progress),
         }
     }

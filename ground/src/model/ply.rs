@@ -1,4 +1,4 @@
-//! points.ply: the wall as dense points with normals and colours, binary, written row by row.
+//! points.ply: the wall as dense points with normals, colours and confidence, binary, written row by row.
 //!
 //! Tunnel frame (x forward, y right, z down), metres, single precision (0.06 mm at a kilometre); normals inwards.
 
@@ -23,6 +23,7 @@ pub fn write(path: &Path, source: &PointSource<'_>, tick: &dyn Fn()) -> Result<u
             let numbers = point.position_m.map(|metres| metres as f32).into_iter().chain(point.normal);
             bytes.extend(numbers.flat_map(f32::to_le_bytes));
             bytes.extend(point.colour);
+            bytes.extend(point.confidence.to_le_bytes());
         }
         file.write_all(&bytes).map_err(at_path(path))
     })?;
@@ -42,7 +43,8 @@ fn header(count: u64) -> String {
          element vertex {digits}\n\
          property float x\nproperty float y\nproperty float z\n\
          property float nx\nproperty float ny\nproperty float nz\n\
-         property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+         property uchar red\nproperty uchar green\nproperty uchar blue\n\
+         property float confidence\nend_header\n",
         env!("CARGO_PKG_VERSION")
     )
 }

@@ -1,9 +1,8 @@
 //! The wall as dense points, row by row along the tunnel: the one source of PLY, LAZ and E57.
 
-use adit_geometry::SectionVector;
-
 use super::error::ModelError;
 use super::wall::TexturedWall;
+use crate::surface::WallPlace;
 use crate::texture::{PixelBox, TILE_PX};
 
 /// A point of the wall.
@@ -15,6 +14,8 @@ pub struct DensePoint {
     pub normal: [f32; 3],
     /// Red, green, blue.
     pub colour: [u8; 3],
+    /// How well the wall's height is known there, 0 (not measured) to 1.
+    pub confidence: f32,
 }
 
 /// The points of one level of the panorama: one per pixel that a photo saw.
@@ -22,14 +23,8 @@ pub struct DensePoint {
 pub struct PointSource<'a> {
     wall: &'a TexturedWall,
     level: u32,
-    columns: Vec<Column>,
-}
-
-/// One place around the wall, `[y, z]`.
-#[derive(Debug)]
-struct Column {
-    point: SectionVector<f64>,
-    normal: SectionVector<f64>,
+    /// Arc length of every column.
+    columns_s_m: Vec<f64>,
 }
 
 impl<'a> PointSource<'a> {
@@ -39,12 +34,8 @@ impl<'a> PointSource<'a> {
         let level = wall.level(step_m * 1000.0 * std::f64::consts::SQRT_2);
         let (width, _) = wall.reader.size(level);
         let scale = wall.scale(level);
-        let at = |column: usize| {
-            let s_m = wall.grid.s_m(((column as f64 + 0.5) * scale).min(wall.grid.width_px as f64 - 0.5));
-            wall.profile.at(s_m).map(|surface| Column { point: surface.point, normal: surface.normal })
-        };
-        let columns = (0..width).filter_map(at).collect();
-        Self { wall, level, columns }
+        let s_m = |column: usize| wall.grid.s_m(((column as f64 + 0.5) * scale).min(wall.grid.width_px as f64 - 0.5));
+        Self { wall, level, columns_s_m: (0..width).map(s_m).collect() }
     }
 
     /// Distance between neighbours.
@@ -52,9 +43,9 @@ impl<'a> PointSource<'a> {
         self.wall.mm_per_px(self.level) / 1000.0
     }
 
-    /// Corners of a box around all points, tunnel frame, metres.
+    /// Corners of a box around the section along the panorama, tunnel frame, metres.
     pub fn bounds_m(&self) -> ([f64; 3], [f64; 3]) {
-        let (low, high) = self.wall.profile.bounds();
+        let (low, high) = self.wall.surface.profile().bounds();
         let grid = &self.wall.grid;
         ([grid.x_m(0.0), low.x, low.y], [grid.x_m(grid.height_px as f64), high.x, high.y])
     }
@@ -73,9 +64,10 @@ impl<'a> PointSource<'a> {
         tick: &dyn Fn(),
         mut sink: impl FnMut(&[DensePoint]) -> Result<(), E>,
     ) -> Result<u64, E> {
-        let TexturedWall { grid, reader, .. } = self.wall;
+        let TexturedWall { surface, grid, reader } = self.wall;
         let (width, height) = reader.size(self.level);
         let scale = self.wall.scale(self.level);
+        let x_m = |row: usize| grid.x_m(((row as f64 + 0.5) * scale).min(grid.height_px as f64 - 0.5));
         let mut count = 0;
         let mut points = Vec::with_capacity(width);
         for first in (0..height).step_by(TILE_PX) {
@@ -83,18 +75,20 @@ impl<'a> PointSource<'a> {
             let band = reader
                 .read(self.level, PixelBox { column: 0, row: first, width, height: rows })
                 .map_err(ModelError::from)?;
+            let window = surface.window([x_m(first), x_m(first + rows - 1)]).map_err(ModelError::from)?;
             for (row, pixels) in band.data.chunks_exact(width * 4).enumerate() {
-                let v = ((first + row) as f64 + 0.5) * scale;
-                let x_m = grid.x_m(v.min(grid.height_px as f64 - 0.5));
+                let x_m = x_m(first + row);
                 points.clear();
-                for (column, pixel) in self.columns.iter().zip(pixels.chunks_exact(4)) {
+                for (&s_m, pixel) in self.columns_s_m.iter().zip(pixels.chunks_exact(4)) {
                     if let &[red, green, blue, opacity] = pixel
                         && opacity >= 128
                     {
+                        let WallPlace { position, normal } = window.point(s_m, x_m);
                         points.push(DensePoint {
-                            position_m: [x_m, column.point.x, column.point.y],
-                            normal: [0.0, column.normal.x as f32, column.normal.y as f32],
+                            position_m: position.into(),
+                            normal: normal.map(|component| component as f32).into(),
                             colour: [red, green, blue],
+                            confidence: window.confidence(s_m, x_m) as f32,
                         });
                     }
                 }

@@ -1,17 +1,15 @@
-//! What every model is made from: the panorama's tiles and the section that they lie on.
+//! What every model is made from: the panorama's tiles and the measured wall that they lie on.
 
 use std::path::Path;
 
-use adit_geometry::profile::{Profile, ProfileSpec};
-
-use super::error::ModelError;
+use crate::surface::SurfaceStore;
 use crate::texture::{PanoramaGrid, TileReader};
 
 /// The unrolled wall with its colours.
 #[derive(Debug)]
 pub struct TexturedWall {
-    /// The section.
-    pub profile: Profile<f64>,
+    /// The wall.
+    pub surface: SurfaceStore,
     /// Where the panorama's pixels lie.
     pub grid: PanoramaGrid,
     /// The panorama's pixels.
@@ -19,13 +17,10 @@ pub struct TexturedWall {
 }
 
 impl TexturedWall {
-    /// Opens the panorama below `out`.
-    ///
-    /// # Errors
-    /// [`ModelError::Profile`] if the section is not one. Tiles are looked for when they are read.
-    pub fn open(section: &ProfileSpec<f64>, grid: &PanoramaGrid, out: &Path) -> Result<Self, ModelError> {
+    /// Hangs the panorama below `out` on the wall. Tiles are looked for when they are read.
+    pub fn new(surface: SurfaceStore, grid: &PanoramaGrid, out: &Path) -> Self {
         let reader = TileReader::new(&out.join("panorama/tiles"), grid.width_px, grid.height_px);
-        Ok(Self { profile: section.build()?, grid: *grid, reader })
+        Self { surface, grid: *grid, reader }
     }
 
     /// The coarsest level of the pyramid whose pixels are not larger than `mm_per_px`; the finest if none is that fine.
@@ -48,13 +43,15 @@ impl TexturedWall {
 
 #[cfg(test)]
 mod tests {
+    use adit_geometry::profile::ProfileSpec;
+
     use super::*;
 
     #[test]
     fn the_level_is_the_coarsest_that_is_fine_enough() {
         let spec = ProfileSpec::Circle { radius_m: 0.5 };
         let grid = PanoramaGrid::new(std::f64::consts::PI, 2.0, 0.0, 1.0);
-        let wall = TexturedWall::open(&spec, &grid, Path::new("nowhere")).unwrap();
+        let wall = TexturedWall::new(SurfaceStore::flat(&spec).unwrap(), &grid, Path::new("nowhere"));
         let mm_per_px = |asked| wall.mm_per_px(wall.level(asked)) / grid.mm_per_px;
         let found = [0.5, 2.0, 3.9, 4.0, 5.0, 8.1, 1e9].map(mm_per_px);
         assert_eq!(found[..6], [1.0, 1.0, 1.0, 2.0, 2.0, 4.0]);
