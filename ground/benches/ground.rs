@@ -81,16 +81,17 @@ fn one_adjust_iteration(bencher: Bencher<'_, '_>, photos: usize) {
     });
 }
 
-/// A whole adjustment from poses that are 2 cm and half a degree off, all stages of the robust loss included.
-#[divan::bench(args = [50, 230], sample_count = 3)]
+/// A whole adjustment from poses that are 2 cm and half a degree off, all stages of the robust loss included; ten times the photos
+/// should take ten times the time, iterations included.
+#[divan::bench(args = [50, 230, 2300], sample_count = 3)]
 fn whole_adjustment(bencher: Bencher<'_, '_>, photos: usize) {
     let scene = adjustment::Scene::new(photos, 1.0);
     let problem = scene.problem();
     bencher.bench(|| adjust(&problem, &adjustment::WEIGHTS).expect("the priors make the system definite"));
 }
 
-/// The covariance of every pose.
-#[divan::bench(args = [50, 230], sample_count = 3)]
+/// The covariance of every pose, linear too.
+#[divan::bench(args = [50, 230, 2300], sample_count = 3)]
 fn pose_covariances(bencher: Bencher<'_, '_>, photos: usize) {
     let scene = adjustment::Scene::new(photos, 0.0);
     let problem = scene.problem();

@@ -63,6 +63,8 @@ pub struct ReliefEvaluation {
     pub absolute_mm: HeightErrors,
     /// Known places after the rigid motion that lays our photos onto the true ones.
     pub aligned_mm: HeightErrors,
+    /// The same without the constant: the wall's shape.
+    pub shape_mm: HeightErrors,
     /// Median of the aligned difference, measured less true: an error of the section's size, which ranges alone tell.
     pub constant_mm: f64,
     /// All places, filled ones too, aligned.
@@ -173,6 +175,7 @@ pub(super) fn measure_relief(
         return Ok(None);
     }
     let aligned: Vec<f64> = known().map(|place| place.height_m - place.true_m).collect();
+    let constant_m = median(&aligned);
     let true_median_m = median(&places.iter().map(|place| place.true_m).collect::<Vec<_>>());
     let rings = if matches!(nominal, ProfileSpec::Circle { .. }) { rings(&places, &profile) } else { Vec::new() };
     let worst = rings.iter().map(|ring| (ring.measured_percent - ring.true_percent).abs()).reduce(f64::max);
@@ -180,7 +183,8 @@ pub(super) fn measure_relief(
         places: places.len(),
         known_percent: 100.0 * aligned.len() as f64 / places.len() as f64,
         absolute_mm: HeightErrors::of(known().filter_map(|place| place.absolute_m)),
-        constant_mm: median(&aligned) * 1e3,
+        constant_mm: constant_m * 1e3,
+        shape_mm: HeightErrors::of(aligned.iter().map(|error| error - constant_m)),
         aligned_mm: HeightErrors::of(aligned),
         filled_mm: HeightErrors::of(places.iter().map(|place| place.height_m - place.true_m)),
         true_relief_mm: HeightErrors::of(places.iter().map(|place| place.true_m - true_median_m)),

@@ -78,6 +78,7 @@ fn table_of_relief(out: &mut fmt::Formatter<'_>, relief: &ReliefEvaluation) -> f
     let rows = [
         ("  absolute", &relief.absolute_mm),
         ("  aligned", &relief.aligned_mm),
+        ("  shape", &relief.shape_mm),
         ("  filled too", &relief.filled_mm),
         ("  true relief", &relief.true_relief_mm),
     ];

@@ -6,6 +6,7 @@ mod photos;
 mod placing;
 mod progress;
 mod solve;
+mod stages;
 mod tag_noise;
 mod warnings;
 
@@ -18,7 +19,8 @@ use serde_json::json;
 pub use checkpoint::{Checkpoints, Key};
 pub(crate) use groups::registered;
 pub use progress::{StageProgress, Verbosity};
-pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver, Start, TagSlip};
+pub use solve::{SolveOptions, Solver, Start};
+pub use stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, TagSlip};
 pub use warnings::Warning;
 
 use crate::files::write_whole;
@@ -161,6 +163,8 @@ impl Run<'_> {
         if self.ends_with(Stage::Adjust) {
             return Ok(());
         }
+        // Its photos are decoded in grey: the panorama has no use for them.
+        drop(solver);
         self.picture_stages(survey, &adjusted.reconstruction, key)
     }
 

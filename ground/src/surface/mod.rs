@@ -39,9 +39,6 @@ use photo::Shot;
 use store::{Description, StoreWriter};
 use strips::Job;
 
-/// Samples along the side of a cell in the fine pass, each about a photo pixel.
-const SAMPLES_PER_CELL: f64 = 4.0;
-
 /// What may be chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceOptions {
@@ -129,7 +126,7 @@ fn lattice(shots: &[Shot], perimeter_m: f64, options: &SurfaceOptions) -> Option
     if !(to_m > from_m) {
         return None;
     }
-    let columns = (perimeter_m / (sample_m * SAMPLES_PER_CELL)).round().max(8.0);
+    let columns = (perimeter_m / (sample_m * sweep::FINE_SAMPLES as f64)).round().max(8.0);
     let step_m = perimeter_m / columns;
     let rows = ((to_m - from_m) / step_m).ceil().max(1.0) as usize;
     let lattice = Lattice { step_s_m: step_m, step_x_m: step_m, columns: columns as usize, rows, x0_m: from_m };

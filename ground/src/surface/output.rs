@@ -23,7 +23,7 @@ const COLOURS: [[f32; 3]; 3] = [[33.0, 102.0, 172.0], [247.0, 247.0, 247.0], [17
 /// Writes `relief.tif`: heights over the rings in metres as 32-bit floats, one row per row of cells, NaN where unknown.
 ///
 /// # Frame
-/// GeoTIFF's scale and tie point in metres as in the exported panorama: x of the map = arc length, y of the map = -x of the
+/// The scale and tie point of a geographic TIFF in metres, as in the exported panorama: x of the map = arc length, y of the map = -x of the
 /// tunnel, so that the rows run along the tunnel from above.
 pub(super) fn write_tiff(path: &Path, store: &SurfaceStore, lattice: &Lattice) -> Result<(), SurfaceError> {
     let failed = |source| SurfaceError::Tiff { path: path.to_owned(), source };

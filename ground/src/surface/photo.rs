@@ -4,6 +4,7 @@ use adit_geometry::profile::Profile;
 use nalgebra::{Vector2, Vector3};
 
 use crate::poses::{PoseStatus, Reconstruction};
+use crate::raster::Raster;
 use crate::survey::{Loss, Photo, Size, Survey, decode_luma, load_mask};
 use crate::texture::{Footprint, Usable, View, WallPoint};
 
@@ -12,7 +13,7 @@ const LEAST_INCIDENCE_COS: f64 = 0.4;
 
 /// A photo whose pose the adjustment holds.
 pub(super) struct Shot<'a> {
-    photo: &'a Photo,
+    pub(super) photo: &'a Photo,
     pub(super) view: View,
     pub(super) footprint: Footprint,
 }
@@ -63,12 +64,7 @@ impl Shot<'_> {
         let grey = decode_luma(&self.photo.path, size).map_err(|error| lost(error.to_string()))?;
         let mask = self.photo.mask.as_ref().map(|path| load_mask(path, size)).transpose();
         let mask = mask.map_err(|error| lost(format!("mask: {error}")))?;
-        let mut fine = Plane { width: grey.width, height: grey.height, scale: 1.0, data: grey.data };
-        for _ in 0..halvings {
-            fine = fine.halved();
-        }
-        let coarse = fine.halved();
-        Ok(Pixels { levels: [fine, coarse], usable: Usable::new(size.width_px, size.height_px, mask.as_ref()) })
+        Ok(Pixels::new(grey, halvings, Usable::new(size.width_px, size.height_px, mask.as_ref())))
     }
 
     /// How the photo sees a wall point at a height over the profile; `None` if it does not, or too flatly.
@@ -103,6 +99,15 @@ impl Shot<'_> {
 }
 
 impl Pixels {
+    pub(super) fn new(grey: Raster<u8, 1>, halvings: u32, usable: Usable) -> Self {
+        let mut fine = Plane { width: grey.width, height: grey.height, scale: 1.0, data: grey.data };
+        for _ in 0..halvings {
+            fine = fine.halved();
+        }
+        let coarse = fine.halved();
+        Self { levels: [fine, coarse], usable }
+    }
+
     pub(super) fn level(&self, level: usize) -> &Plane {
         &self.levels[level]
     }

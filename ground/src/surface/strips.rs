@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::photo::{Pixels, Shot};
 use super::ring::Rings;
 use super::smooth::{Smoothed, smooth};
-use super::sweep::{Found, Pass, Scene, TILE, Tile, sweep};
+use super::sweep::{COARSE_SAMPLES, FINE_SAMPLES, Found, Pass, Scene, TILE, Tile, sweep};
 use crate::survey::Loss;
 use crate::texture::Lattice;
 
@@ -18,9 +18,9 @@ const STRIP_ROWS: usize = 3 * TILE;
 const HALO_ROWS: usize = TILE / 2;
 
 /// From far and blurred to near and sharp. Templates: 100 mm, then 75 mm for cells of 25 mm.
-const PASSES: [Pass; 2] = [
-    Pass { level: 1, samples: 2, template_cells: 4, reach_m: 0.08, step_samples: 0.75, most_steps: 12 },
-    Pass { level: 0, samples: 4, template_cells: 3, reach_m: 0.015, step_samples: 0.5, most_steps: 5 },
+pub(super) const PASSES: [Pass; 2] = [
+    Pass { level: 1, samples: COARSE_SAMPLES, template_cells: 4, reach_m: 0.08, step_samples: 0.75, most_steps: 12 },
+    Pass { level: 0, samples: FINE_SAMPLES, template_cells: 3, reach_m: 0.015, step_samples: 0.5, most_steps: 5 },
 ];
 
 /// What stays the same from strip to strip.

@@ -14,6 +14,10 @@ use crate::texture::{Lattice, WallPoint, wall_at};
 
 /// Cells along the side of a tile.
 pub(super) const TILE: usize = 24;
+/// Samples along the side of a cell in the first pass.
+pub(super) const COARSE_SAMPLES: usize = 2;
+/// Samples along the side of a cell in the second pass.
+pub(super) const FINE_SAMPLES: usize = 4;
 /// Photos compared at most: five make ten pairs.
 const MOST_PHOTOS: usize = 5;
 /// Parallax (difference of two slants) that is as good as any more.
@@ -36,7 +40,7 @@ const HALF_BELIEVED_M: f32 = 0.005;
 pub(super) struct Pass {
     /// Resolution of the photos: index of the plane.
     pub(super) level: usize,
-    /// Samples along the side of a cell.
+    /// Samples along the side of a cell: [`COARSE_SAMPLES`] or [`FINE_SAMPLES`].
     pub(super) samples: usize,
     /// Side of a template in cells.
     pub(super) template_cells: usize,
@@ -231,7 +235,7 @@ impl<'a> Warp<'a> {
         // NaN is not shown either.
         let hidden: Vec<f32> =
             self.looks.iter().map(|[u, v, ..]| if usable.clearance_px(*u, *v) > 1.0 { 0.0 } else { 1.0 }).collect();
-        template_sums(self.size, tile, pass, |at| hidden[at]).into_iter().map(|hidden| hidden == 0.0).collect()
+        template_sums(self.size, tile, pass, &hidden, &hidden).into_iter().map(|hidden| hidden == 0.0).collect()
     }
 }
 
@@ -250,8 +254,8 @@ impl Shades {
         let values: Vec<f32> =
             warp.looks.iter().map(|[u, v, du, dv]| plane.sample(u + above_m * du, v + above_m * dv)).collect();
         let count = (pass.template_cells * pass.samples).pow(2) as f32;
-        let mut mean = template_sums(warp.size, tile, pass, |at| values[at]);
-        let mut deviation = template_sums(warp.size, tile, pass, |at| values[at] * values[at]);
+        let mut mean = template_sums(warp.size, tile, pass, &values, &vec![1.0; values.len()]);
+        let mut deviation = template_sums(warp.size, tile, pass, &values, &values);
         for (mean, deviation) in mean.iter_mut().zip(&mut deviation) {
             *mean /= count;
             *deviation = (*deviation / count - *mean * *mean).max(0.0).sqrt();
@@ -260,7 +264,7 @@ impl Shades {
     }
 
     fn products(&self, other: &Self, tile: &Tile, pass: &Pass) -> Vec<f32> {
-        template_sums(self.size, tile, pass, |at| self.values[at] * other.values[at])
+        template_sums(self.size, tile, pass, &self.values, &other.values)
     }
 }
 
@@ -272,16 +276,15 @@ fn correlation(a: &Shades, b: &Shades, products: &[f32], cell: usize) -> f32 {
     (products[cell] / a.count - a.mean[cell] * b.mean[cell]) / (deviations[0] * deviations[1])
 }
 
-/// Sums over each cell's template: first over blocks of a cell's size, then over the blocks of a template.
-fn template_sums(size: [usize; 2], tile: &Tile, pass: &Pass, value: impl Fn(usize) -> f32) -> Vec<f32> {
+/// Sums of `a b` over each cell's template: first over blocks of a cell's size, then over the blocks of a template.
+fn template_sums(size: [usize; 2], tile: &Tile, pass: &Pass, a: &[f32], b: &[f32]) -> Vec<f32> {
     let block_columns = size[0] / pass.samples;
     let mut blocks = vec![0.0; block_columns * (size[1] / pass.samples)];
-    for row in 0..size[1] {
+    for (row, (a, b)) in a.chunks_exact(size[0]).zip(b.chunks_exact(size[0])).enumerate() {
         let line = &mut blocks[row / pass.samples * block_columns..][..block_columns];
-        let start = row * size[0];
-        for (block, sum) in line.iter_mut().enumerate() {
-            let first = start + block * pass.samples;
-            *sum += (first..first + pass.samples).map(&value).sum::<f32>();
+        match pass.samples {
+            COARSE_SAMPLES => add_blocks::<COARSE_SAMPLES>(line, a, b),
+            _ => add_blocks::<FINE_SAMPLES>(line, a, b),
         }
     }
     let mut sums = Vec::with_capacity(tile.columns * tile.rows);
@@ -292,6 +295,13 @@ fn template_sums(size: [usize; 2], tile: &Tile, pass: &Pass, value: impl Fn(usiz
         }
     }
     sums
+}
+
+/// Adds the products of a row of samples to its blocks of `N`; a constant, so that it is done four at a time.
+fn add_blocks<const N: usize>(blocks: &mut [f32], a: &[f32], b: &[f32]) {
+    for ((block, a), b) in blocks.iter_mut().zip(a.as_chunks::<N>().0).zip(b.as_chunks::<N>().0) {
+        *block += a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+    }
 }
 
 /// Finds the height at which the agreement is best.
@@ -320,3 +330,6 @@ fn peak(curve: &[f32], step_m: f32, known_m: f32) -> Found {
         confidence: agreed / (1.0 + (sigma_m / HALF_BELIEVED_M).powi(2)),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -30,7 +30,9 @@ fn bulges_and_ovality_are_measured_to_millimetres() {
     let number = |of: &serde_json::Value| of.as_f64().unwrap_or_else(|| panic!("a number: {relief:#}"));
     // Bulges and ovality are there to be found, and are found at half the samples' resolution.
     assert!(number(&relief["true_relief_mm"]["rmse"]) > 15.0, "{relief:#}");
-    assert!(number(&relief["aligned_mm"]["rmse"]) < 5.0, "{relief:#}");
-    assert!(number(&relief["known_percent"]) > 90.0, "{relief:#}");
+    assert!(number(&relief["shape_mm"]["rmse"]) < 5.0, "{relief:#}");
+    assert!(number(&relief["known_percent"]) > 70.0, "{relief:#}");
+    // The section's size comes from the ranges of thirty tags: 0.3 % of 3 m.
+    assert!(number(&relief["constant_mm"]).abs() < 20.0, "{relief:#}");
     assert!(number(&relief["ovality_error_percent"]) < 0.2, "{relief:#}");
 }
