@@ -10,6 +10,7 @@ pub mod adjust;
 pub mod comparison;
 pub mod correspond;
 pub mod evaluate;
+pub mod export;
 pub mod features;
 mod files;
 pub mod findings;

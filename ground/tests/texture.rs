@@ -99,7 +99,7 @@ fn the_panorama_of_an_underpass_lies_where_the_wall_was_painted() {
         assert!(there < here, "shifted by {shift:?} texels: {there}, not shifted: {here}");
     }
 
-    let made = model::write(&flat(&reconstruction), &report.grid, &ModelOptions::default(), out.path()).unwrap();
+    let made = model::write(flat(&reconstruction), &report.grid, &ModelOptions::default(), out.path()).unwrap();
     assert!(made.points > 10_000 && made.chunks > 0);
     let sheets: Vec<&str> = report.sheets.iter().map(|sheet| sheet.part.as_str()).collect();
     assert_eq!(sheets, ["right-wall", "floor", "left-wall"]);

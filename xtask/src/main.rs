@@ -75,8 +75,8 @@ enum Command {
     Test,
     /// What `.ci/run` runs: format, lints and docs, then `test`.
     Ci,
-    /// Install what builds and tests need and is missing (the board's target, rustfmt, clippy, and pymavlink, MAVSDK and
-    /// MAVProxy from PyPI as peers for the tests of the link).
+    /// Install what builds and tests need and is missing (the board's target, rustfmt, clippy; as peers of the tests
+    /// pymavlink, MAVSDK, `MAVProxy` and readers of exported files from `PyPI`, and Khronos' glTF validator from npm).
     Setup,
 }
 

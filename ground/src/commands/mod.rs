@@ -4,6 +4,7 @@ mod ablation;
 mod adjust;
 mod board;
 mod evaluate;
+mod export;
 mod ingest;
 mod match_photos;
 mod plan;
@@ -29,7 +30,7 @@ pub(crate) enum Answer {
 /// Adit: from a flight through a tunnel to the place of every pixel.
 ///
 /// A survey's way: `adit plan` before the flight, `adit ingest` and `adit reconstruct` after it, `adit evaluate` where
-/// there is a truth to compare with. `adit board` talks to the board: its parameters, its logs, its key.
+/// there is a truth to compare with, `adit export` for other programs. `adit board` talks to the board: its parameters, its logs, its key.
 #[derive(Debug, Parser)]
 #[command(name = "adit", version, after_help = AFTER_HELP, max_term_width = 100)]
 pub(crate) struct Cli {
@@ -67,6 +68,7 @@ enum Command {
     Adjust(adjust::Arguments),
     Ablation(ablation::Arguments),
     View(view::Arguments),
+    Export(export::Arguments),
 }
 
 impl Cli {
@@ -81,6 +83,7 @@ impl Cli {
             Command::Adjust(arguments) => adjust::run(&arguments, &self.common),
             Command::Ablation(arguments) => ablation::run(&arguments, &self.common),
             Command::View(arguments) => view::run(&arguments, &self.common),
+            Command::Export(arguments) => export::run(&arguments, &self.common),
         }
     }
 }

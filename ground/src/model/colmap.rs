@@ -1,7 +1,9 @@
-//! COLMAP's text model: cameras.txt, images.txt, points3D.txt, in the tunnel frame and metres.
+//! COLMAP's model: cameras, images and points3D as text or binary files, in the tunnel frame and metres.
 //!
 //! COLMAP stores `cam_from_world` and puts (0.5, 0.5) at the first pixel's centre, as we do. Format: COLMAP documentation,
 //! "Output Format", text.
+
+mod binary;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -11,6 +13,11 @@ use nalgebra::{Point3, Vector2};
 
 use crate::adjust::Observation;
 use crate::poses::Reconstruction;
+
+pub use binary::write_binary;
+
+/// Colours of points are not looked up.
+const POINT_COLOUR: [u8; 3] = [128; 3];
 
 /// A file of the model cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -22,7 +29,7 @@ pub struct ColmapError {
     pub source: std::io::Error,
 }
 
-/// Writes the three files to `folder`.
+/// Writes `cameras.txt`, `images.txt` and `points3D.txt` to `folder`.
 ///
 /// # Errors
 /// [`ColmapError`] names the file.
@@ -40,18 +47,32 @@ pub fn write(reconstruction: &Reconstruction, folder: &Path) -> Result<(), Colma
     Ok(())
 }
 
-fn cameras(camera: &Camera<f64>) -> String {
-    let [fx, fy] = camera.focal_px;
-    let [cx, cy] = camera.centre_px;
-    let (model, distortion) = match camera.distortion {
-        Distortion::BrownConrady([k1, k2, p1, p2, 0.0]) => ("OPENCV", format!("{k1} {k2} {p1} {p2}")),
-        Distortion::BrownConrady([k1, k2, p1, p2, k3]) => ("FULL_OPENCV", format!("{k1} {k2} {p1} {p2} {k3} 0 0 0")),
-        Distortion::KannalaBrandt([k1, k2, k3, k4]) => ("OPENCV_FISHEYE", format!("{k1} {k2} {k3} {k4}")),
+/// One of COLMAP's camera models, as in its `sensor/models.h`.
+struct CameraModel {
+    name: &'static str,
+    number: i32,
+}
+
+/// The model that a camera is, and its parameters in COLMAP's order.
+fn camera_parameters(camera: &Camera<f64>) -> (CameraModel, Vec<f64>) {
+    let (name, number, distortion) = match camera.distortion {
+        Distortion::BrownConrady([k1, k2, p1, p2, 0.0]) => ("OPENCV", 4, vec![k1, k2, p1, p2]),
+        Distortion::BrownConrady([k1, k2, p1, p2, k3]) => ("FULL_OPENCV", 6, vec![k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]),
+        Distortion::KannalaBrandt(k) => ("OPENCV_FISHEYE", 5, k.to_vec()),
     };
+    let parameters = camera.focal_px.into_iter().chain(camera.centre_px).chain(distortion).collect();
+    (CameraModel { name, number }, parameters)
+}
+
+fn cameras(camera: &Camera<f64>) -> String {
+    let (model, parameters) = camera_parameters(camera);
+    let parameters: Vec<String> = parameters.iter().map(f64::to_string).collect();
     let Camera { width_px, height_px, .. } = camera;
     format!(
         "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n\
-         1 {model} {width_px} {height_px} {fx} {fy} {cx} {cy} {distortion}\n"
+         1 {} {width_px} {height_px} {}\n",
+        model.name,
+        parameters.join(" ")
     )
 }
 
@@ -88,13 +109,14 @@ fn images(reconstruction: &Reconstruction) -> String {
     text
 }
 
-/// One line per point; colours are not looked up (mid grey).
+/// One line per point.
 fn points(reconstruction: &Reconstruction) -> String {
     let mut seen: std::collections::HashMap<u32, usize> = std::collections::HashMap::new();
     let mut text = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n".to_owned();
     for (index, (p, sightings)) in reconstruction.tracks.iter().enumerate() {
         let error_px = rms_px(reconstruction, p, sightings);
-        let _ = write!(text, "{} {:.6} {:.6} {:.6} 128 128 128 {error_px:.4}", index + 1, p.x, p.y, p.z);
+        let [red, green, blue] = POINT_COLOUR;
+        let _ = write!(text, "{} {:.6} {:.6} {:.6} {red} {green} {blue} {error_px:.4}", index + 1, p.x, p.y, p.z);
         for sighting in sightings {
             let place = seen.entry(sighting.photo).or_default();
             let _ = write!(text, " {} {place}", sighting.photo + 1);

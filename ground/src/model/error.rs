@@ -37,7 +37,7 @@ pub enum ModelError {
     #[error("model.glb: {0}")]
     Json(#[from] serde_json::Error),
     /// GLB's lengths are 32-bit.
-    #[error("model.glb would take {bytes} bytes, the format ends at 4 GiB; lower the texture budget")]
+    #[error("model.glb would take {bytes} bytes, the format ends at 4 GiB; choose larger pixels")]
     TooLarge {
         /// What it would take.
         bytes: u64,

@@ -4,13 +4,14 @@
 //! is in the photos already. Front faces only, so that from outside one looks through the near wall.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 
 use gltf_json as json;
 use json::validation::{Checked, USize64};
 use serde_json::json as value;
 
+use super::ChunkSink;
 use super::error::{ModelError, at_path};
 use super::mesh::{Chunk, Vertex};
 
@@ -21,42 +22,72 @@ const BINARY_CHUNK: &[u8; 4] = b"BIN\0";
 /// Header of the file and of its two chunks.
 const FRAMING_BYTES: u64 = 12 + 8 + 8;
 
-/// Writes the model.
-pub(super) fn write(path: &Path, chunks: &[Chunk]) -> Result<(), ModelError> {
-    let mut builder = Builder::default();
-    for chunk in chunks {
-        builder.add(chunk);
+/// Writes `model.glb` chunk by chunk: what a chunk weighs leaves memory at once, its description waits for the end.
+pub(super) struct GlbWriter {
+    path: PathBuf,
+    builder: Builder,
+    /// The binary chunk, without a name, so that a killed run leaves nothing of it.
+    binary: BufWriter<File>,
+}
+
+impl GlbWriter {
+    /// Prepares the file.
+    pub(super) fn create(path: &Path) -> Result<Self, ModelError> {
+        // Beside the file that it becomes a part of: on the same disk.
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let binary = tempfile::tempfile_in(folder).map_err(at_path(folder))?;
+        Ok(Self { path: path.to_owned(), builder: Builder::default(), binary: BufWriter::new(binary) })
     }
-    let (mut text, binary) = builder.finish()?;
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let bytes = FRAMING_BYTES + text.len() as u64 + binary.iter().map(|part| part.len() as u64).sum::<u64>();
-    let length = u32::try_from(bytes).map_err(|_| ModelError::TooLarge { bytes })?;
-    let binary_length = length - FRAMING_BYTES as u32 - text.len() as u32;
-    let write = || -> std::io::Result<()> {
-        let mut file = BufWriter::new(File::create(path)?);
+
+    fn assemble(&mut self, text: &[u8], binary_bytes: u32, length: u32) -> io::Result<()> {
+        let binary = self.binary.get_mut();
+        binary.seek(SeekFrom::Start(0))?;
+        let mut file = BufWriter::new(File::create(&self.path)?);
         file.write_all(MAGIC)?;
         file.write_all(&VERSION.to_le_bytes())?;
         file.write_all(&length.to_le_bytes())?;
         file.write_all(&(text.len() as u32).to_le_bytes())?;
         file.write_all(JSON_CHUNK)?;
-        file.write_all(&text)?;
-        file.write_all(&binary_length.to_le_bytes())?;
+        file.write_all(text)?;
+        file.write_all(&binary_bytes.to_le_bytes())?;
         file.write_all(BINARY_CHUNK)?;
-        for part in &binary {
-            file.write_all(part)?;
-        }
+        io::copy(binary, &mut file)?;
         file.flush()
-    };
-    write().map_err(at_path(path))
+    }
 }
 
-/// The description under way and the parts of the binary chunk, each padded to four bytes.
+impl ChunkSink for GlbWriter {
+    fn add(&mut self, chunk: &Chunk) -> Result<(), ModelError> {
+        for part in self.builder.add(chunk) {
+            self.binary.write_all(&part).map_err(at_path(&self.path))?;
+        }
+        checked_length(0, self.builder.length).map(|_| ())
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), ModelError> {
+        self.binary.flush().map_err(at_path(&self.path))?;
+        let binary_bytes = self.builder.length;
+        let mut text = std::mem::take(&mut self.builder).finish()?;
+        text.resize(text.len().next_multiple_of(4), b' ');
+        let length = checked_length(text.len() as u64, binary_bytes)?;
+        self.assemble(&text, binary_bytes as u32, length).map_err(at_path(&self.path))
+    }
+}
+
+/// The file's length, which has 32 bits.
+fn checked_length(text_bytes: u64, binary_bytes: u64) -> Result<u32, ModelError> {
+    let bytes = FRAMING_BYTES + text_bytes + binary_bytes;
+    u32::try_from(bytes).map_err(|_| ModelError::TooLarge { bytes })
+}
+
+/// The description under way, and the parts of the binary chunk that were not written yet, each padded to four bytes.
 struct Builder {
     root: json::Root,
     buffer: json::Index<json::Buffer>,
     sampler: json::Index<json::texture::Sampler>,
     nodes: Vec<json::Index<json::Node>>,
-    binary: Vec<Vec<u8>>,
+    parts: Vec<Vec<u8>>,
+    /// Bytes of the binary chunk so far.
     length: u64,
 }
 
@@ -79,12 +110,13 @@ impl Default for Builder {
             wrap_t: Checked::Valid(json::texture::WrappingMode::ClampToEdge),
             ..Default::default()
         });
-        Self { root, buffer, sampler, nodes: Vec::new(), binary: Vec::new(), length: 0 }
+        Self { root, buffer, sampler, nodes: Vec::new(), parts: Vec::new(), length: 0 }
     }
 }
 
 impl Builder {
-    fn add(&mut self, chunk: &Chunk) {
+    /// Describes a chunk; returns the parts of the binary chunk that it adds.
+    fn add(&mut self, chunk: &Chunk) -> Vec<Vec<u8>> {
         let positions = self.vectors(&chunk.vertices, |vertex| vertex.position, true);
         let normals = self.vectors(&chunk.vertices, |vertex| vertex.normal, false);
         let uvs = self.vectors(&chunk.vertices, |vertex| vertex.uv, false);
@@ -118,6 +150,7 @@ impl Builder {
             ..Default::default()
         });
         self.nodes.push(node);
+        std::mem::take(&mut self.parts)
     }
 
     fn material(&mut self, chunk: &Chunk) -> json::Index<json::Material> {
@@ -202,12 +235,12 @@ impl Builder {
         });
         bytes.resize(bytes.len().next_multiple_of(4), 0);
         self.length += bytes.len() as u64;
-        self.binary.push(bytes);
+        self.parts.push(bytes);
         view
     }
 
-    /// The description as text and the parts of the binary chunk.
-    fn finish(mut self) -> Result<(Vec<u8>, Vec<Vec<u8>>), ModelError> {
+    /// The description as text.
+    fn finish(mut self) -> Result<Vec<u8>, ModelError> {
         for buffer in &mut self.root.buffers {
             buffer.byte_length = USize64(self.length);
         }
@@ -218,7 +251,7 @@ impl Builder {
             extras: json::Extras::default(),
         });
         self.root.scene = Some(scene);
-        Ok((self.root.to_vec()?, self.binary))
+        Ok(self.root.to_vec()?)
     }
 }
 
@@ -269,7 +302,11 @@ mod tests {
     fn the_file_is_framed_and_described_as_the_format_demands() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("model.glb");
-        write(&path, &[chunk("a"), chunk("b")]).unwrap();
+        let mut writer = Box::new(GlbWriter::create(&path).unwrap());
+        for name in ["a", "b"] {
+            writer.add(&chunk(name)).unwrap();
+        }
+        writer.finish().unwrap();
         let bytes = std::fs::read(&path).unwrap();
         assert_eq!((&bytes[..4], word(&bytes, 4), word(&bytes, 8) as usize), (&b"glTF"[..], 2, bytes.len()));
         let text_length = word(&bytes, 12) as usize;

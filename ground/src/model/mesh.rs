@@ -22,7 +22,6 @@ const SAME_M: f64 = 1e-7;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChunkOptions {
     pub(super) largest_texture_px: usize,
-    pub(super) texture_budget_px: u64,
     pub(super) sagitta_m: f64,
     pub(super) facet_m: f64,
     pub(super) jpeg_quality: u8,
@@ -57,13 +56,8 @@ pub(super) struct Chunk {
     pub(super) jpeg: Vec<u8>,
 }
 
-/// Divides the panorama into boxes at the finest level that the budget allows.
-pub(super) fn plan(reader: &TileReader, options: &ChunkOptions) -> Vec<ChunkBox> {
-    let fits = |level: &u32| {
-        let (width, height) = reader.size(*level);
-        width as u64 * height as u64 <= options.texture_budget_px
-    };
-    let level = (0..=reader.last_level()).rev().find(fits).unwrap_or(0);
+/// Divides a level of the panorama into boxes.
+pub(super) fn plan(reader: &TileReader, level: u32, options: &ChunkOptions) -> Vec<ChunkBox> {
     let (width, height) = reader.size(level);
     let side = options.largest_texture_px.saturating_sub(2 * MARGIN_PX).max(1);
     let parts = |length: usize| {
@@ -101,7 +95,7 @@ pub(super) fn chunk(
     }
     let jpeg = encode(&picture, options.jpeg_quality)?;
     Ok(Some(Chunk {
-        name: format!("wall-{:05}-{:05}", area.row, area.column),
+        name: place.name(),
         origin: [0.0, 0.0, -(place.x_m(area.row as f64) as f32)],
         vertices,
         indices,
@@ -143,6 +137,12 @@ struct Placement {
 impl Placement {
     fn x_m(&self, row: f64) -> f64 {
         self.x0_m + row * self.scale
+    }
+
+    /// Where the chunk starts: distance along the tunnel and arc length from the crown.
+    fn name(&self) -> String {
+        let s_m = self.s0_m + self.area.column as f64 * self.scale;
+        format!("wall_x{:+09.3}m_s{s_m:06.3}m", self.x_m(self.area.row as f64))
     }
 
     /// Texture coordinates of a place on the wall.
@@ -287,13 +287,7 @@ mod tests {
     use super::*;
 
     fn options() -> ChunkOptions {
-        ChunkOptions {
-            largest_texture_px: 256,
-            texture_budget_px: 1_000_000,
-            sagitta_m: 0.002,
-            facet_m: 0.5,
-            jpeg_quality: 80,
-        }
+        ChunkOptions { largest_texture_px: 256, sagitta_m: 0.002, facet_m: 0.5, jpeg_quality: 80 }
     }
 
     fn underpass() -> ProfileSpec<f64> {
@@ -348,8 +342,8 @@ mod tests {
     #[test]
     fn boxes_cover_the_level_within_the_texture_limit() {
         let reader = TileReader::new(std::path::Path::new("nowhere"), 1500, 900);
-        let boxes = plan(&reader, &options());
+        let boxes = plan(&reader, 10, &options());
         assert_eq!(boxes.iter().map(|b| b.width * b.height).sum::<usize>(), 750 * 450);
-        assert!(boxes.iter().all(|b| b.width.max(b.height) + 2 * MARGIN_PX <= 256 && b.level == 10));
+        assert!(boxes.iter().all(|b| b.width.max(b.height) + 2 * MARGIN_PX <= 256));
     }
 }

@@ -1,47 +1,54 @@
 //! model.obj with model.mtl and a folder of JPEG textures, for programs that do not read glTF. Same frame as the GLB.
 
 use std::fs::{self, File};
-use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
 
+use super::ChunkSink;
 use super::error::{ModelError, at_path};
 use super::mesh::Chunk;
 
+/// The meshes.
+const OBJ: &str = "model.obj";
+/// The materials.
+const MTL: &str = "model.mtl";
 /// Folder of the textures, beside the OBJ.
 const TEXTURES: &str = "model_textures";
 
-/// Writes `model.obj`, `model.mtl` and `model_textures/`.
-pub(super) fn write(out: &Path, chunks: &[Chunk]) -> Result<(), ModelError> {
-    let textures = out.join(TEXTURES);
-    if textures.exists() {
-        fs::remove_dir_all(&textures).map_err(at_path(&textures))?;
-    }
-    fs::create_dir_all(&textures).map_err(at_path(&textures))?;
-    for chunk in chunks {
-        let path = textures.join(format!("{}.jpg", chunk.name));
-        fs::write(&path, &chunk.jpeg).map_err(at_path(&path))?;
-    }
-    let path = out.join("model.mtl");
-    write_materials(&path, chunks).map_err(at_path(&path))?;
-    let path = out.join("model.obj");
-    write_meshes(&path, chunks).map_err(at_path(&path))
+/// Writes `model.obj`, `model.mtl` and `model_textures/` chunk by chunk.
+pub(super) struct ObjWriter {
+    out: PathBuf,
+    meshes: BufWriter<File>,
+    materials: BufWriter<File>,
+    /// Number of the next vertex.
+    next: u32,
 }
 
-fn write_materials(path: &Path, chunks: &[Chunk]) -> std::io::Result<()> {
-    let mut file = BufWriter::new(File::create(path)?);
-    for Chunk { name, .. } in chunks {
+impl ObjWriter {
+    /// Prepares the files below `out`.
+    pub(super) fn create(out: &Path) -> Result<Self, ModelError> {
+        let textures = out.join(TEXTURES);
+        if textures.exists() {
+            fs::remove_dir_all(&textures).map_err(at_path(&textures))?;
+        }
+        fs::create_dir_all(&textures).map_err(at_path(&textures))?;
+        let create = |name: &str| {
+            let path = out.join(name);
+            File::create(&path).map(BufWriter::new).map_err(at_path(&path))
+        };
+        let mut writer = Self { out: out.to_owned(), meshes: create(OBJ)?, materials: create(MTL)?, next: 1 };
+        let title = "# Metres; x right, y up, -z forward along the tunnel (tunnel frame: y, -z, -x).";
+        writeln!(writer.meshes, "{title}\nmtllib {MTL}").map_err(at_path(&out.join(OBJ)))?;
+        Ok(writer)
+    }
+
+    fn material(&mut self, name: &str) -> io::Result<()> {
         // illum 0: the colour as it is, without light.
-        writeln!(file, "newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {TEXTURES}/{name}.jpg\n")?;
+        writeln!(self.materials, "newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {TEXTURES}/{name}.jpg\n")
     }
-    file.flush()
-}
 
-fn write_meshes(path: &Path, chunks: &[Chunk]) -> std::io::Result<()> {
-    let mut file = BufWriter::new(File::create(path)?);
-    writeln!(file, "# Metres; x right, y up, -z forward along the tunnel (tunnel frame: y, -z, -x).")?;
-    writeln!(file, "mtllib model.mtl")?;
-    let mut first = 1;
-    for chunk in chunks {
+    fn mesh(&mut self, chunk: &Chunk) -> io::Result<()> {
+        let file = &mut self.meshes;
         writeln!(file, "o {0}\nusemtl {0}", chunk.name)?;
         for vertex in &chunk.vertices {
             let [x, y, z] =
@@ -59,14 +66,28 @@ fn write_meshes(path: &Path, chunks: &[Chunk]) -> std::io::Result<()> {
         for triangle in chunk.indices.chunks_exact(3) {
             write!(file, "f")?;
             for &index in triangle {
-                let number = index + first;
+                let number = index + self.next;
                 write!(file, " {number}/{number}/{number}")?;
             }
             writeln!(file)?;
         }
-        first += chunk.vertices.len() as u32;
+        self.next += chunk.vertices.len() as u32;
+        Ok(())
     }
-    file.flush()
+}
+
+impl ChunkSink for ObjWriter {
+    fn add(&mut self, chunk: &Chunk) -> Result<(), ModelError> {
+        let path = self.out.join(TEXTURES).join(format!("{}.jpg", chunk.name));
+        fs::write(&path, &chunk.jpeg).map_err(at_path(&path))?;
+        self.material(&chunk.name).map_err(at_path(&self.out.join(MTL)))?;
+        self.mesh(chunk).map_err(at_path(&self.out.join(OBJ)))
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), ModelError> {
+        self.materials.flush().map_err(at_path(&self.out.join(MTL)))?;
+        self.meshes.flush().map_err(at_path(&self.out.join(OBJ)))
+    }
 }
 
 #[cfg(test)]
@@ -85,7 +106,11 @@ mod tests {
             jpeg: vec![1],
         };
         let folder = tempfile::tempdir().unwrap();
-        write(folder.path(), &[chunk("a"), chunk("b")]).unwrap();
+        let mut writer = Box::new(ObjWriter::create(folder.path()).unwrap());
+        for name in ["a", "b"] {
+            writer.add(&chunk(name)).unwrap();
+        }
+        writer.finish().unwrap();
         let text = fs::read_to_string(folder.path().join("model.obj")).unwrap();
         assert!(text.contains("v 1.00000 2.00000 -3.50000") && text.contains("vt 0.250000 0.750000"), "{text}");
         assert!(text.contains("f 1/1/1 2/2/2 3/3/3") && text.contains("f 4/4/4 5/5/5 6/6/6"), "{text}");

@@ -1,4 +1,4 @@
-//! points.ply: the wall as dense points with normals, colours and confidence, binary, written band by band.
+//! points.ply: the wall as dense points with normals, colours and confidence, binary, written row by row.
 //!
 //! Tunnel frame (x forward, y right, z down), metres, single precision (0.06 mm at a kilometre); normals inwards.
 
@@ -7,51 +7,26 @@ use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use super::error::{ModelError, at_path};
-use crate::surface::{SurfaceStore, WallPlace};
-use crate::texture::{PanoramaGrid, PixelBox, TILE_PX, TileReader};
+use super::points::PointSource;
 
-/// Six single-precision numbers, a colour, the confidence (0: height not measured).
-const POINT_BYTES: usize = 31;
-
-/// Writes the points of the pyramid's level that is nearest to `step_m` per pixel; returns how many there are.
-pub(super) fn write(
-    path: &Path,
-    reader: &TileReader,
-    grid: &PanoramaGrid,
-    surface: &SurfaceStore,
-    step_m: f64,
-) -> Result<u64, ModelError> {
-    let halvings = (step_m / grid.texel_m()).log2().round().clamp(0.0, f64::from(reader.last_level()));
-    let level = reader.last_level() - halvings as u32;
-    let scale = halvings.exp2();
-    let (width, height) = reader.size(level);
-    let around: Vec<f64> =
-        (0..width).map(|column| grid.s_m(((column as f64 + 0.5) * scale).min(grid.width_px as f64 - 0.5))).collect();
-    let x_of = |row: usize| grid.x_m(((row as f64 + 0.5) * scale).min(grid.height_px as f64 - 0.5));
+/// Writes the points; returns how many there are.
+///
+/// # Errors
+/// If a tile cannot be read or the file cannot be written.
+pub fn write(path: &Path, source: &PointSource<'_>, tick: &dyn Fn()) -> Result<u64, ModelError> {
     let mut file = BufWriter::new(File::create(path).map_err(at_path(path))?);
-    let mut count = 0;
-    file.write_all(header(count).as_bytes()).map_err(at_path(path))?;
-    for row in (0..height).step_by(TILE_PX) {
-        let rows = TILE_PX.min(height - row);
-        let band = reader.read(level, PixelBox { column: 0, row, width, height: rows })?;
-        let window = surface.window([x_of(row), x_of(row + rows - 1)])?;
-        let mut bytes = Vec::with_capacity(width * POINT_BYTES);
-        for line in 0..rows {
-            let x_m = x_of(row + line);
-            bytes.clear();
-            for (&s_m, pixel) in around.iter().zip(band.data[line * width * 4..].chunks_exact(4)) {
-                if pixel[3] >= 128 {
-                    let WallPlace { position, normal } = window.point(s_m, x_m);
-                    let numbers = position.iter().chain(normal.iter()).map(|number| *number as f32);
-                    bytes.extend(numbers.flat_map(f32::to_le_bytes));
-                    bytes.extend_from_slice(&pixel[..3]);
-                    bytes.extend((window.confidence(s_m, x_m) as f32).to_le_bytes());
-                    count += 1;
-                }
-            }
-            file.write_all(&bytes).map_err(at_path(path))?;
+    file.write_all(header(0).as_bytes()).map_err(at_path(path))?;
+    let mut bytes = Vec::new();
+    let count = source.stream(tick, |points| {
+        bytes.clear();
+        for point in points {
+            let numbers = point.position_m.map(|metres| metres as f32).into_iter().chain(point.normal);
+            bytes.extend(numbers.flat_map(f32::to_le_bytes));
+            bytes.extend(point.colour);
+            bytes.extend(point.confidence.to_le_bytes());
         }
-    }
+        file.write_all(&bytes).map_err(at_path(path))
+    })?;
     file.seek(SeekFrom::Start(0)).map_err(at_path(path))?;
     file.write_all(header(count).as_bytes()).map_err(at_path(path))?;
     file.flush().map_err(at_path(path))?;

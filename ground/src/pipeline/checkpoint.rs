@@ -66,7 +66,7 @@ impl Key {
 /// The folder of all stages' results.
 #[derive(Clone, Debug)]
 pub struct Checkpoints {
-    folder: PathBuf,
+    out: PathBuf,
 }
 
 impl Checkpoints {
@@ -81,17 +81,25 @@ impl Checkpoints {
         }
         fs::create_dir_all(&folder)
             .with_context(|| format!("cannot write results to {}; choose another folder with --out", out.display()))?;
-        Ok(Self { folder })
+        Ok(Self { out: out.to_owned() })
     }
 
     /// Returns a stage's result if it was made from the same input. A damaged file counts as absent.
     pub fn load<T: DeserializeOwned>(&self, stage: &str, key: Key) -> Option<T> {
         let content = fs::read(self.path(stage)).ok()?;
-        let (found, body) = content.split_first_chunk::<32>()?;
-        if *found != key.0 {
-            return None;
-        }
-        postcard::from_bytes(body).ok()
+        content.starts_with(&key.0).then(|| Self::decode(&content))?
+    }
+
+    /// The file of a stage's result below a reconstruction's folder.
+    pub fn file(out: &Path, stage: &str) -> PathBuf {
+        out.join("stages").join(format!("{stage}.bin"))
+    }
+
+    /// Returns the result in the content of a stage's file, whatever it was made from; `None` if it is not one.
+    pub fn decode<T: DeserializeOwned>(content: &[u8]) -> Option<T> {
+        let (_, body) = content.split_first_chunk::<32>()?;
+        let (result, rest) = postcard::take_from_bytes(body).ok()?;
+        rest.is_empty().then_some(result)
     }
 
     /// Stores a stage's result.
@@ -109,7 +117,7 @@ impl Checkpoints {
     }
 
     fn path(&self, stage: &str) -> PathBuf {
-        self.folder.join(format!("{stage}.bin"))
+        Self::file(&self.out, stage)
     }
 }
 

@@ -203,7 +203,7 @@ impl Run<'_> {
         let files = ["model.glb", "model.obj", "points.ply", "colmap/points3D.txt"];
         let compute = |_: &StageProgress| {
             model::colmap::write(reconstruction, &out.join("colmap"))?;
-            Ok(model::write(&SurfaceStore::open(out)?, &textured.grid, &options, out)?)
+            Ok(model::write(SurfaceStore::open(out)?, &textured.grid, &options, out)?)
         };
         self.stage(Stage::Model, key, 0, &files, compute, say_model)?;
         if self.ends_with(Stage::Model) {
