@@ -3,6 +3,7 @@
 mod ablation;
 mod adjust;
 mod board;
+mod compare;
 mod evaluate;
 mod ingest;
 mod match_photos;
@@ -65,6 +66,7 @@ enum Command {
     Board(board::Arguments),
     Adjust(adjust::Arguments),
     Ablation(ablation::Arguments),
+    Compare(compare::Arguments),
 }
 
 impl Cli {
@@ -78,6 +80,7 @@ impl Cli {
             Command::Board(arguments) => board::run(&arguments, &self.common),
             Command::Adjust(arguments) => adjust::run(&arguments, &self.common),
             Command::Ablation(arguments) => ablation::run(&arguments, &self.common),
+            Command::Compare(arguments) => compare::run(&arguments, &self.common),
         }
     }
 }

@@ -17,6 +17,7 @@ use serde::Serialize;
 pub use coverage::CoverageEvaluation;
 pub(crate) use poses::compare_poses;
 pub use poses::{AlignedErrors, FrameErrors, PoseEvaluation, Spread};
+pub(crate) use shift::Patch;
 pub use shift::ShiftEvaluation;
 pub use wall_image::{WallGrid, WallImageError};
 

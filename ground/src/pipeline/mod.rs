@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 pub use checkpoint::{Checkpoints, Key};
-pub(crate) use groups::registered;
+pub(crate) use groups::{Groups, registered};
 pub use progress::{StageProgress, Verbosity};
 pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver, Start, TagSlip};
 pub use warnings::Warning;
