@@ -60,15 +60,17 @@ pub(super) fn common_offset(a: &Wall, b: &Wall) -> Result<Offset, ChangeError> {
     let energy_b = transform.correlation(&first[2], &second[1]);
     let overlap = transform.correlation(&first[2], &second[2]);
     let least = LEAST_OVERLAP * planes.iter().map(Normalised::covered).fold(f64::INFINITY, f64::min);
-    let score = |index: usize| {
+    let correlation = |index: usize| {
         let energy = f64::from(energy_a[index]).max(0.0) * f64::from(energy_b[index]).max(0.0);
         if f64::from(overlap[index]) < least || energy <= 0.0 { 0.0 } else { f64::from(product[index]) / energy.sqrt() }
     };
+    // Chance makes correlations of one over the root of the overlap.
+    let significance = |index: usize| correlation(index) * f64::from(overlap[index]).max(0.0).sqrt();
     let best = (0..columns * rows)
         .into_par_iter()
-        .map(|index| (score(index), index))
+        .map(|index| (significance(index), index))
         .max_by(|x, y| x.0.total_cmp(&y.0).then(y.1.cmp(&x.1)));
-    let (correlation, index) = best.unwrap_or((0.0, 0));
+    let index = best.map_or(0, |(_, index)| index);
     let (column, row) = (index % columns, index / columns);
     // Beyond the middle offsets are negative.
     let signed =
@@ -79,7 +81,7 @@ pub(super) fn common_offset(a: &Wall, b: &Wall) -> Result<Offset, ChangeError> {
         around: b.perimeter_m / a.perimeter_m,
         s_m: signed(column, columns) * b.perimeter_m / columns as f64,
         x_m: row * COARSE_M + b.extent_m[0] - a.extent_m[0],
-        correlation,
+        correlation: correlation(index),
     })
 }
 
