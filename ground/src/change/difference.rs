@@ -84,6 +84,11 @@ impl Rows {
 
     /// Mean of the seen values within `reach` texels, around the wall; NaN where the middle is not seen.
     fn mean(&self, reach: usize) -> Self {
+        self.mean_without(reach, &[])
+    }
+
+    /// The same over the values that are not skipped (none are if `skipped` is empty).
+    fn mean_without(&self, reach: usize, skipped: &[bool]) -> Self {
         let (columns, rows) = (self.columns, self.rows());
         let along: Vec<[f32; 2]> = (0..rows)
             .into_par_iter()
@@ -91,7 +96,8 @@ impl Rows {
                 let line = &self.data[row * columns..(row + 1) * columns];
                 let term = |column: usize| {
                     let value = line[column % columns];
-                    if value.is_nan() { [0.0, 0.0] } else { [value, 1.0] }
+                    let skip = skipped.get(row * columns + column % columns).is_some_and(|&skip| skip);
+                    if skip || value.is_nan() { [0.0, 0.0] } else { [value, 1.0] }
                 };
                 let reach = reach.min((columns - 1) / 2);
                 let mut sum = (0..2 * reach).map(|offset| term(columns + offset - reach)).fold([0.0; 2], add);
@@ -130,10 +136,10 @@ struct Evened {
 }
 
 impl Evened {
-    fn new(grey: &Rows, reach: usize) -> Self {
-        let mean = grey.mean(reach);
+    fn new(grey: &Rows, reach: usize, skipped: &[bool]) -> Self {
+        let mean = grey.mean_without(reach, skipped);
         let centred = grey.map(&mean, |grey, mean| grey - mean);
-        let squares = centred.map(&centred, |a, b| a * b).mean(reach);
+        let squares = centred.map(&centred, |a, b| a * b).mean_without(reach, skipped);
         let deviation = squares.map(&squares, |square, _| square.sqrt().max(PLAIN));
         Self { value: centred.map(&deviation, |value, deviation| value / deviation), deviation }
     }
@@ -166,46 +172,84 @@ pub(super) fn changes(
         let [s_m, x_m] = field.place_in_b(s_m, x_m);
         b.sample(s_m, x_m)
     });
-    let reach = (WINDOW_M / grid.step_x_m).round() as usize;
     // Only what both saw: a window that is half unseen in one has another mean.
     let both = grey_a.map(&grey_b, |a, b| if b.is_nan() { f32::NAN } else { a });
-    let (first, second) = (Evened::new(&both, reach), Evened::new(&grey_b.map(&grey_a, |b, a| b + 0.0 * a), reach));
-    let difference = second.value.map(&first.value, |b, a| b - a);
-    let fine = significance(&difference.mean(1), &gradient(&first.value));
-    let smooth = difference.mean(FAINT_WINDOW);
-    let faint = significance(&smooth, &gradient(&first.value.mean(FAINT_WINDOW)));
-    let skipped = wanted.start - rows.start;
-    let mut found = BandChanges { runs: Vec::new(), compared: 0, correlation: 0.0 };
-    let mut sums = [0.0_f64; 3];
-    for row in wanted {
-        let line = (row - rows.start) * grid.columns;
-        debug_assert!(row - rows.start >= skipped);
-        let mut open: Option<Run> = None;
-        for column in 0..grid.columns {
-            let index = line + column;
-            let here = difference.data[index];
-            if !here.is_nan() {
-                found.compared += 1;
-                let (a, b) = (f64::from(first.value.data[index]), f64::from(second.value.data[index]));
-                for (sum, term) in sums.iter_mut().zip([a * b, a * a, b * b]) {
-                    *sum += term;
+    let grey_b = grey_b.map(&grey_a, |b, a| if a.is_nan() { f32::NAN } else { b });
+    let reach = (WINDOW_M / grid.step_x_m).round() as usize;
+    // What has changed must not darken the means of its surroundings: found once, left out, found again.
+    let first = Compared::new(&both, &grey_b, reach, &[]);
+    let compared = Compared::new(&both, &grey_b, reach, &first.changed());
+    compared.rows_of(wanted.start - rows.start..wanted.end - rows.start, wanted.start)
+}
+
+/// Both walls, evened, and how much they differ.
+struct Compared {
+    walls: [Evened; 2],
+    difference: Rows,
+    /// In standard deviations.
+    fine: Vec<f32>,
+    smooth: Rows,
+    /// Of `smooth`, in standard deviations.
+    faint: Vec<f32>,
+}
+
+impl Compared {
+    fn new(a: &Rows, b: &Rows, reach: usize, skipped: &[bool]) -> Self {
+        let walls = [a, b].map(|grey| Evened::new(grey, reach, skipped));
+        let difference = walls[1].value.map(&walls[0].value, |b, a| b - a);
+        let fine = significance(&difference.mean(1), &gradient(&walls[0].value));
+        let smooth = difference.mean(FAINT_WINDOW);
+        let faint = significance(&smooth, &gradient(&walls[0].value.mean(FAINT_WINDOW)));
+        Self { walls, difference, fine, smooth, faint }
+    }
+
+    fn is_changed(&self, index: usize) -> bool {
+        let (here, smooth) = (self.difference.data[index], self.smooth.data[index]);
+        let clear = self.fine[index].abs() >= CHANGED && here.abs() >= LEAST_CONTRAST;
+        // An average reaches beyond the change's edge; the texel itself must say something too.
+        let faint = self.faint[index].abs() >= CHANGED && smooth.abs() >= 0.5 * LEAST_CONTRAST;
+        clear || faint && here * smooth > 0.0 && here.abs() >= 0.3 * LEAST_CONTRAST
+    }
+
+    /// Changed texels and those beside them.
+    fn changed(&self) -> Vec<bool> {
+        let columns = self.difference.columns;
+        let here: Vec<f32> =
+            (0..self.fine.len()).into_par_iter().map(|index| if self.is_changed(index) { 1.0 } else { 0.0 }).collect();
+        let spread = Rows { columns, data: here }.mean(FAINT_WINDOW);
+        spread.data.iter().map(|&share| share > 0.02).collect()
+    }
+
+    /// Runs of some rows, the first of which has number `first` on the grid.
+    fn rows_of(&self, rows: std::ops::Range<usize>, first: usize) -> BandChanges {
+        let columns = self.difference.columns;
+        let mut found = BandChanges { runs: Vec::new(), compared: 0, correlation: 0.0 };
+        let mut sums = [0.0_f64; 3];
+        for (row, line) in (first..).zip(rows) {
+            let mut open: Option<Run> = None;
+            for column in 0..columns {
+                let index = line * columns + column;
+                let here = self.difference.data[index];
+                if !here.is_nan() {
+                    found.compared += 1;
+                    let [a, b] = [0, 1].map(|wall| f64::from(self.walls[wall].value.data[index]));
+                    for (sum, term) in sums.iter_mut().zip([a * b, a * a, b * b]) {
+                        *sum += term;
+                    }
+                }
+                if self.is_changed(index) {
+                    let run = open.get_or_insert(Run { row, columns: [column, column], grey_sum: 0.0 });
+                    run.columns[1] = column;
+                    run.grey_sum += f64::from(here * self.walls[0].deviation.data[index]);
+                } else {
+                    found.runs.extend(open.take());
                 }
             }
-            let changed = fine[index].abs() >= CHANGED && here.abs() >= LEAST_CONTRAST
-                || faint[index].abs() >= CHANGED && smooth.data[index].abs() >= 0.5 * LEAST_CONTRAST;
-            if changed {
-                let grey = f64::from(here * first.deviation.data[index]);
-                let run = open.get_or_insert(Run { row, columns: [column, column], grey_sum: 0.0 });
-                run.columns[1] = column;
-                run.grey_sum += grey;
-            } else {
-                found.runs.extend(open.take());
-            }
+            found.runs.extend(open);
         }
-        found.runs.extend(open);
+        found.correlation = sums[0] / (sums[1] * sums[2]).sqrt().max(1e-9);
+        found
     }
-    found.correlation = sums[0] / (sums[1] * sums[2]).sqrt().max(1e-9);
-    found
 }
 
 /// Length of the gradient per texel.
