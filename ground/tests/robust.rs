@@ -188,6 +188,36 @@ fn a_radius_wrong_by_five_percent_is_estimated_used_and_said() {
 }
 
 #[test]
+fn intrinsics_that_are_wrong_are_said_and_can_be_refined() {
+    let Some(survey) = Spoiled::new("underpass-spiral", 30) else { return };
+    for (from, to) in [
+        ("fx_px = 466.0", "fx_px = 470.7"),
+        ("fy_px = 466.0", "fy_px = 470.7"),
+        ("cx_px = 503.0", "cx_px = 507.0"),
+        ("[-0.04,", "[-0.036,"),
+    ] {
+        survey.replace_in_survey(from, to);
+    }
+    // Focal length wrong by 1 %: centimetres of error, which must not stay silent.
+    let warnings = all_placed("wrong intrinsics", survey.solve(), 50.0, 50.0);
+    let said = |warning: &Warning| matches!(warning, Warning::CameraContradicted { off_px } if *off_px > 3.0);
+    assert!(warnings.iter().any(said), "{warnings:?}");
+    survey.replace_in_survey("refine = false", "refine = true");
+    all_placed("wrong intrinsics, refined", survey.solve(), 0.8, 2.0);
+}
+
+#[test]
+fn an_encoder_off_its_axis_and_a_lever_measured_badly_cost_nothing() {
+    let Some(mut survey) = Spoiled::new("underpass-spiral", 30) else { return };
+    survey.replace_in_survey("lever_radial_m = 0.06", "lever_radial_m = 0.08");
+    for row in 0..30 {
+        let angle_deg: f64 = survey.rows[row][SHAFT].parse().expect("an angle");
+        survey.add(row, SHAFT, 3.0 * (angle_deg + 40.0).to_radians().sin());
+    }
+    all_placed("encoder off its axis, lever wrong by 2 cm", survey.solve(), 0.5, 2.0);
+}
+
+#[test]
 fn a_fifth_of_the_photos_blurred_costs_accuracy_and_no_photo() {
     let Some(survey) = Spoiled::new("cylinder-concrete-spiral", 30) else { return };
     for row in (0..30).step_by(5) {

@@ -152,6 +152,24 @@ fn adjust_with<const K: usize>(problem: &Problem<'_>, weights: &Weights) -> Resu
     Ok(Adjusted { poses, points, shared, report })
 }
 
+/// Returns where the shared unknowns go in `iterations` steps from the problem's own state, at the final width of the loss.
+///
+/// A question to an adjusted problem some of whose fixed unknowns were freed: what would the photos have them be?
+///
+/// # Errors
+/// [`NotPositiveDefinite`] as in [`adjust`].
+pub fn tendency(problem: &Problem<'_>, weights: &Weights, iterations: usize) -> Result<Shared, NotPositiveDefinite> {
+    let model = TunnelModel::<WITH_POINTS>::new(problem, weights.surface_m);
+    let mut state = State {
+        estimate: Estimate::new(problem.poses.to_vec(), problem.shared),
+        points: problem.tracks.positions().to_vec(),
+    };
+    let weighting = Weighting { pixel_px: weights.pixel_px, loss: weights.loss, information: None };
+    let limits = Limits { iterations, ..LIMITS };
+    Solver::new(&model).minimise(&weighting, &mut state, limits)?;
+    Ok(state.estimate.shared)
+}
+
 /// The median; 0 of nothing.
 pub(crate) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();

@@ -3,6 +3,7 @@
 mod ablation;
 mod adjust;
 mod board;
+mod compare;
 mod evaluate;
 mod export;
 mod ingest;
@@ -69,6 +70,7 @@ enum Command {
     Ablation(ablation::Arguments),
     View(view::Arguments),
     Export(export::Arguments),
+    Compare(compare::Arguments),
 }
 
 impl Cli {
@@ -84,6 +86,7 @@ impl Cli {
             Command::Ablation(arguments) => ablation::run(&arguments, &self.common),
             Command::View(arguments) => view::run(&arguments, &self.common),
             Command::Export(arguments) => export::run(&arguments, &self.common),
+            Command::Compare(arguments) => compare::run(&arguments, &self.common),
         }
     }
 }

@@ -19,6 +19,7 @@ pub use coverage::CoverageEvaluation;
 pub(crate) use poses::compare_poses;
 pub use poses::{AlignedErrors, FrameErrors, PoseEvaluation, Spread};
 pub use relief::{HeightErrors, ReliefEvaluation, RingOvality};
+pub(crate) use shift::Patch;
 pub use shift::ShiftEvaluation;
 pub use wall_image::{WallGrid, WallImageError};
 

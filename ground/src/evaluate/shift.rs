@@ -143,7 +143,7 @@ impl Tile {
 }
 
 /// A patch of the panorama and the truth around it, as pyramids.
-struct Patch {
+pub(crate) struct Patch {
     panorama: Vec<Tile>,
     truth: Vec<Tile>,
     margin_px: usize,
@@ -152,17 +152,33 @@ struct Patch {
 impl Patch {
     /// `None` if too little of it is covered.
     fn cut(panorama: &WallImage, truth: &WallImage, origin: (usize, usize), patch_px: usize) -> Option<Self> {
-        let ours = Tile::from_fn(patch_px, |column, row| panorama.pixel(origin.0 + column, origin.1 + row));
+        let metres_per_px = panorama.grid.mm_per_px / 1000.0;
+        let (s0_m, x0_m) = panorama.grid.place(origin.0, origin.1);
+        let at = |origin_m: f64, px: isize| origin_m + px as f64 * metres_per_px;
+        Self::new(
+            patch_px,
+            (SEARCH_M / metres_per_px) as usize,
+            |column, row| panorama.pixel(origin.0 + column, origin.1 + row),
+            |column, row| truth.sample(at(s0_m, column), at(x0_m, row)),
+        )
+    }
+
+    /// A patch of `patch_px` pixels and what it is looked for in, up to `search_px` pixels away. `None` if too little of either is
+    /// covered.
+    pub(crate) fn new(
+        patch_px: usize,
+        search_px: usize,
+        ours: impl Fn(usize, usize) -> Option<f32>,
+        theirs: impl Fn(isize, isize) -> Option<f32>,
+    ) -> Option<Self> {
+        let ours = Tile::from_fn(patch_px, ours);
         if ours.share() < MIN_SHARE {
             return None;
         }
         let step = 1 << LEVELS;
-        let margin_px = ((SEARCH_M * 1000.0 / panorama.grid.mm_per_px) as usize).div_ceil(step) * step;
-        let metres_per_px = panorama.grid.mm_per_px / 1000.0;
-        let (s0_m, x0_m) = panorama.grid.place(origin.0, origin.1);
+        let margin_px = search_px.div_ceil(step) * step;
         let theirs = Tile::from_fn(patch_px + 2 * margin_px, |column, row| {
-            let along = |origin_m: f64, px: usize| origin_m + (px as f64 - margin_px as f64) * metres_per_px;
-            truth.sample(along(s0_m, column), along(x0_m, row))
+            theirs(column as isize - margin_px as isize, row as isize - margin_px as isize)
         });
         (theirs.share() >= MIN_SHARE).then(|| Self { panorama: ours.pyramid(), truth: theirs.pyramid(), margin_px })
     }
@@ -171,7 +187,7 @@ impl Patch {
     ///
     /// Rows of bricks repeat every few centimetres and look alike when coarse, so the best few places go down together
     /// and the finest level decides.
-    fn find_shift(&self) -> Option<[f64; 2]> {
+    pub(crate) fn find_shift(&self) -> Option<[f64; 2]> {
         let reach = (self.margin_px >> LEVELS) as isize;
         let mut places = self.search(LEVELS, &[[0, 0]], reach, CANDIDATES);
         for level in (0..LEVELS).rev() {

@@ -39,24 +39,24 @@ pub(super) fn hanging_together(joined: impl IntoIterator<Item = [usize; 2]>, pho
     roots.into_iter().map(|root| Some(root) == largest).collect()
 }
 
-/// Photos in groups (union-find with halving).
-pub(super) struct Groups(Vec<usize>);
+/// Photos, or other things with a number, in groups (union-find with halving).
+pub(crate) struct Groups(Vec<usize>);
 
 impl Groups {
     /// Every photo alone.
-    pub(super) fn new(photos: usize) -> Self {
+    pub(crate) fn new(photos: usize) -> Self {
         Self((0..photos).collect())
     }
 
     /// Joins the groups of two photos; false if they are one already.
-    pub(super) fn join(&mut self, photos: [usize; 2]) -> bool {
+    pub(crate) fn join(&mut self, photos: [usize; 2]) -> bool {
         let [one, other] = photos.map(|photo| self.root(photo));
         self.0[one] = other;
         one != other
     }
 
     /// Representative of a photo's group.
-    fn root(&mut self, mut photo: usize) -> usize {
+    pub(crate) fn root(&mut self, mut photo: usize) -> usize {
         while self.0[photo] != photo {
             self.0[photo] = self.0[self.0[photo]];
             photo = self.0[photo];

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 pub use checkpoint::{Checkpoints, Key};
-pub(crate) use groups::registered;
+pub(crate) use groups::{Groups, registered};
 pub use progress::{StageProgress, Verbosity};
 pub use solve::{SolveOptions, Solver, Start};
 pub use stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, TagSlip};

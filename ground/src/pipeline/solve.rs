@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 use adit_geometry::rig::{ImageUp, Rig};
 use adit_protocol::mission::Sigma;
@@ -20,7 +21,7 @@ use super::tag_noise::TagNoise;
 use super::warnings::Judged;
 use crate::adjust::{
     Adjusted, Covariances, Loss as AdjustLoss, Observation, Problem, PruneCounts, Pruning, Shared, SharedSigmas,
-    Tracks, Weights, adjust, photo_qualities, prune,
+    Tracks, Weights, adjust, photo_qualities, prune, tendency,
 };
 use crate::matching::{MatchConfig, MatchRound, Photos, Pixels, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction};
@@ -46,6 +47,8 @@ const RESIZED_SIGMA: f64 = 0.05;
 const REFINED_SHARE: f64 = 0.02;
 /// Freedom of each distortion coefficient where `refine` asks for it.
 const REFINED_DISTORTION: f64 = 0.05;
+/// Steps that show what the photos would have the camera be; the first does most of it.
+const TENDENCY_STEPS: usize = 2;
 /// Speed that the shaft may still have while a photo is read out, radians per second: a servo that has not quite settled.
 const SHUTTER_SIGMA_RAD_PER_S: f64 = 0.3;
 
@@ -245,8 +248,10 @@ impl<'a> Solver<'a> {
         });
         let poses: Vec<PhotoPose> = poses.collect();
         let profile = prior.profile.scaled(last.shared.profile_size);
+        let camera_off_px = self.camera_off_px(&problem, &weights)?;
+        let round = &matches.round;
         let judged =
-            Judged { solver: self, prior, coarse, round: &matches.round, problem: &problem, poses: &poses, noise };
+            Judged { solver: self, prior, coarse, round, problem: &problem, poses: &poses, noise, camera_off_px };
         let warnings = judged.warnings();
         let camera = last.shared.camera;
         Ok(AdjustStage {
@@ -292,15 +297,23 @@ impl<'a> Solver<'a> {
             sigmas.profile_size = RESIZED_SIGMA;
         }
         if config.camera.refine {
-            let camera = &config.camera.camera;
-            sigmas.focal_px = camera.focal_px.map(|focal_px| REFINED_SHARE * focal_px);
-            sigmas.centre_px = [REFINED_SHARE * camera.focal_px[0]; 2];
-            sigmas.distortion = [REFINED_DISTORTION; 5];
+            sigmas = with_free_camera(sigmas, &config.camera.camera);
         }
         if config.camera.rolling_shutter_s > 0.0 {
             sigmas.shutter_rad_per_s = SHUTTER_SIGMA_RAD_PER_S;
         }
         sigmas
+    }
+
+    /// By how many pixels the photos would have the camera's model other than it is, where it was not refined.
+    fn camera_off_px(&self, problem: &Problem<'_>, weights: &Weights) -> Result<Option<f64>> {
+        let config = &self.survey.config.camera;
+        if config.refine {
+            return Ok(None);
+        }
+        let freed = Problem { shared_sigmas: with_free_camera(problem.shared_sigmas, &config.camera), ..*problem };
+        let wanted = tendency(&freed, weights, TENDENCY_STEPS)?;
+        Ok(Some(largest_shift_px(&config.camera, &wanted.camera)))
     }
 
     pub(crate) fn prune(&self, tracks: &mut Tracks, adjusted: &Adjusted) -> Result<PruneCounts> {
@@ -413,4 +426,26 @@ fn hides(mask: &Mask, [x, y]: [f32; 2]) -> bool {
     let column = (x.max(0.0) as usize).min(mask.width.saturating_sub(1));
     let row = (y.max(0.0) as usize).min(mask.height.saturating_sub(1));
     mask.at(column, row)[0] == 0
+}
+
+fn with_free_camera(sigmas: SharedSigmas, camera: &Camera<f64>) -> SharedSigmas {
+    SharedSigmas {
+        focal_px: camera.focal_px.map(|focal_px| REFINED_SHARE * focal_px),
+        centre_px: [REFINED_SHARE * camera.focal_px[0]; 2],
+        distortion: [REFINED_DISTORTION; 5],
+        ..sigmas
+    }
+}
+
+/// The largest distance, over a photo, of where two models project a ray, less their mean shift: that is as good as a rotation.
+fn largest_shift_px(camera: &Camera<f64>, other: &Camera<f64>) -> f64 {
+    const PLACES: u32 = 8;
+    let (width_px, height_px) = (f64::from(camera.width_px), f64::from(camera.height_px));
+    let place = |index: u32| f64::from(index) / f64::from(PLACES);
+    let pixels = (0..=PLACES)
+        .flat_map(|row| (0..=PLACES).map(move |column| Vector2::new(place(column) * width_px, place(row) * height_px)));
+    let shift = |pixel: Vector2<f64>| Some(other.project(&camera.unproject(&pixel)?)? - pixel);
+    let shifts: Vec<Vector2<f64>> = pixels.filter_map(shift).collect();
+    let mean = shifts.iter().sum::<Vector2<f64>>() / shifts.len().max(1) as f64;
+    shifts.iter().map(|shift| (shift - mean).norm()).fold(0.0, f64::max)
 }

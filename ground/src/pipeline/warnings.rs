@@ -24,6 +24,8 @@ const SHARED_CONTRADICTION: f64 = 3.0;
 const FEW_MATCHES: usize = 20;
 /// Random part of an odometer's step that is no contradiction yet, metres, one standard deviation.
 const STEP_SIGMA_M: f64 = 0.015;
+/// Error of the camera's model that is worth refining it: some 3 mm in the poses of the samples.
+const CAMERA_OFF_PX: f64 = 0.5;
 /// Error of a match that the adjustment disputes, pixels.
 const DISPUTED_PX: f64 = 1.5;
 
@@ -88,6 +90,11 @@ pub enum Warning {
         reading: Reading,
         /// Noise over stated noise.
         times: f64,
+    },
+    /// The photos contradict the camera's model in survey.toml, which was not refined.
+    CameraContradicted {
+        /// Largest error of the model over a photo, about.
+        off_px: f64,
     },
     /// Something that all photos share is not what survey.toml says.
     SharedContradicted {
@@ -166,6 +173,10 @@ impl fmt::Display for Warning {
                 };
                 write!(out, "the tags' {reading} are {times:.1} times as noisy as [sigma] in survey.toml says")
             }
+            Self::CameraContradicted { off_px } => write!(
+                out,
+                "the photos contradict [camera] in survey.toml by some {off_px:.1} px: calibrate it, or set refine = true"
+            ),
             Self::SharedContradicted { what, sigmas } => {
                 let what = match what {
                     SharedUnknown::Mounting => "the camera's mounting (or the shaft angle's zero)",
@@ -189,6 +200,8 @@ pub(super) struct Judged<'a> {
     pub(super) poses: &'a [PhotoPose],
     /// How noisy the tags are.
     pub(super) noise: TagNoise,
+    /// By how much the photos would have the camera's model other than it is; `None` where it was refined.
+    pub(super) camera_off_px: Option<f64>,
 }
 
 impl Judged<'_> {
@@ -224,6 +237,9 @@ impl Judged<'_> {
         let shared = &self.problem.shared;
         let sigma = &self.solver.survey.config.sigma;
         let mut warnings = Vec::new();
+        if let Some(off_px) = self.camera_off_px.filter(|&off_px| off_px > CAMERA_OFF_PX) {
+            warnings.push(Warning::CameraContradicted { off_px });
+        }
         if !self.prior.tagged {
             warnings.push(Warning::NoTags);
             return warnings;

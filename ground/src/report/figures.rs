@@ -86,10 +86,10 @@ fn worst(values: &[f64]) -> f64 {
 }
 
 /// A line of a plot.
-struct Series<'a> {
-    class: &'a str,
-    label: &'a str,
-    values: Vec<f64>,
+pub(super) struct Series<'a> {
+    pub(super) class: &'a str,
+    pub(super) label: &'a str,
+    pub(super) values: Vec<f64>,
 }
 
 /// Offset right and down of the optical centre along the tunnel.
@@ -119,7 +119,7 @@ pub(super) fn sigma_svg(poses: &[PhotoPose]) -> String {
     line_plot(&xs, &series, "mm")
 }
 
-fn line_plot(xs: &[f64], series: &[Series<'_>], unit: &str) -> String {
+pub(super) fn line_plot(xs: &[f64], series: &[Series<'_>], unit: &str) -> String {
     const WIDTH: f64 = 860.0;
     const HEIGHT: f64 = 200.0;
     const LEFT: f64 = 56.0;

@@ -1,16 +1,19 @@
 //! The report: report.json for programs, report.html (self-contained, printable) for people.
 
 mod figures;
+mod flight;
 mod picture;
 
 use std::path::{Path, PathBuf};
 
+use adit_geometry::profile::Profile;
 use minijinja::Environment;
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use figures::PhotoFigures;
 pub use figures::PoseFigures;
+use flight::{Flight, FlightFigures};
 
 use crate::pipeline::{StageReport, Warning};
 use crate::poses::Reconstruction;
@@ -75,6 +78,7 @@ struct Report<'a> {
     profile: Value,
     photos: usize,
     poses: PoseFigures,
+    flight: &'a FlightFigures,
     stages: &'a [StageReport],
     coverage: &'a crate::texture::Coverage,
     native_mm_per_px: f64,
@@ -95,6 +99,8 @@ struct Told<'a> {
 /// # Errors
 /// [`ReportError`] says what failed.
 pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
+    let profile = input.reconstruction.profile.build()?;
+    let flight = Flight::new(input.survey, input.reconstruction, &profile);
     let report = Report {
         format: 1,
         program: format!("adit {}", env!("CARGO_PKG_VERSION")),
@@ -102,6 +108,7 @@ pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
         profile: crate::texture::profile_json(&input.reconstruction.profile),
         photos: input.survey.photos.len(),
         poses: PoseFigures::new(&input.reconstruction.poses),
+        flight: &flight.figures,
         stages: input.stages,
         coverage: &input.texture.coverage,
         native_mm_per_px: input.texture.native_mm_per_px,
@@ -111,7 +118,7 @@ pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
     };
     let json = serde_json::to_string_pretty(&report)?;
     save(&out.join("report.json"), json.as_bytes())?;
-    let page = page(input, &report, out)?;
+    let page = page(input, &report, &flight, &profile, out)?;
     save(&out.join("report.html"), page.as_bytes())
 }
 
@@ -119,8 +126,13 @@ fn save(path: &Path, content: &[u8]) -> Result<(), ReportError> {
     std::fs::write(path, content).map_err(|source| ReportError::Io { path: path.to_owned(), source })
 }
 
-fn page(input: &ReportInput<'_>, report: &Report<'_>, out: &Path) -> Result<String, ReportError> {
-    let profile = input.reconstruction.profile.build()?;
+fn page(
+    input: &ReportInput<'_>,
+    report: &Report<'_>,
+    flight: &Flight,
+    profile: &Profile<f64>,
+    out: &Path,
+) -> Result<String, ReportError> {
     let mut environment = Environment::new();
     // The name's ending turns HTML escaping on for every value.
     environment.add_template("report.html", include_str!("report.html"))?;
@@ -135,7 +147,9 @@ fn page(input: &ReportInput<'_>, report: &Report<'_>, out: &Path) -> Result<Stri
         "relief_picture": picture::map(&out.join("relief.png"), PICTURE_PX)?,
         "coverage_colours": crate::texture::COVERAGE_COLOURS,
         "track_svg": figures::track_svg(&input.reconstruction.poses),
-        "section_svg": figures::section_svg(&profile, &input.reconstruction.poses),
+        "section_svg": figures::section_svg(profile, &input.reconstruction.poses),
+        "speed_svg": flight.speed_svg,
+        "water_svg": flight.water_svg,
         "sigma_svg": figures::sigma_svg(&input.reconstruction.poses),
         "length_m": grid.height_px as f64 * grid.texel_m(),
         "adjust": figures_of(input.stages, "adjust"),

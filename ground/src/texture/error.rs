@@ -58,6 +58,24 @@ pub enum TextureError {
         /// The width it would give.
         width_px: f64,
     },
+    /// There is no panorama.
+    #[error(
+        "{}: no panorama (panorama/panorama.json); run `adit reconstruct SURVEY` to its texture stage{hint}", out.display()
+    )]
+    NoPanorama {
+        /// The reconstruction's folder.
+        out: PathBuf,
+        /// Where it may be instead.
+        hint: &'static str,
+    },
+    /// panorama.json contradicts itself.
+    #[error("{}: {what}", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: &'static str,
+    },
     /// Not one photo shows the wall.
     #[error("none of the {photos} photos sees the wall: poses or section must be wrong")]
     NothingSeen {

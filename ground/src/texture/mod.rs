@@ -8,6 +8,7 @@
 
 mod blend;
 mod coverage;
+mod description;
 mod error;
 mod fine;
 mod grid;
@@ -30,11 +31,14 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use coverage::{COVERAGE_COLOURS, measure, picture};
 pub use coverage::{Coverage, Hole, clock_position};
+pub(crate) use description::Panorama;
 pub use error::TextureError;
 pub(crate) use error::at_path;
 pub(crate) use grid::{Lattice, WallPoint, wall_at};
 pub use grid::{PanoramaGrid, profile_json};
 pub use sink::Sheet;
+#[cfg(test)]
+pub(crate) use tiles::write_tiles_for_tests;
 pub use tiles::{PixelBox, Rgba8, TILE_PX, TileReader};
 pub(crate) use tiles::{read_png, write_png};
 pub(crate) use usable::Usable;

@@ -260,6 +260,14 @@ impl TileReader {
     }
 }
 
+/// Writes a whole picture as a pyramid.
+#[cfg(test)]
+pub(crate) fn write_tiles_for_tests(folder: &Path, grid: &super::PanoramaGrid, rgba: &[u8]) {
+    let mut writer = TileWriter::create(folder, grid.width_px, grid.height_px).unwrap();
+    writer.push(rgba).unwrap();
+    writer.finish().unwrap();
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

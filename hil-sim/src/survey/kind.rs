@@ -33,6 +33,8 @@ pub enum SetKind {
     Imperfect,
     /// Bricks without any difference but a few stains
     IdenticalBricks,
+    /// The underpass by a rolling shutter, the shaft still turning at 12 degrees per second
+    UnsettledShaft,
 }
 
 /// How a set is made.
@@ -54,6 +56,10 @@ pub(super) struct Recipe {
     /// The vehicle stands still for a whole turn, then moves.
     pub(super) stands: bool,
     pub(super) scatter: Scatter,
+    /// Speed of the shaft while a photo is read out, clockwise looking forward.
+    pub(super) shaft_deg_per_s: f64,
+    /// Between the first and the last row's exposure.
+    pub(super) rolling_shutter_s: f64,
 }
 
 /// How far true poses stray from the plan, one standard deviation.
@@ -90,6 +96,8 @@ impl SetKind {
             advance_m: 0.1,
             stands: false,
             scatter: FLOWN,
+            shaft_deg_per_s: 0.0,
+            rolling_shutter_s: 0.0,
         };
         let underpass = Recipe {
             nominal: UNDERPASS,
@@ -108,6 +116,8 @@ impl SetKind {
                 Recipe { photos: 120, images_per_turn: 12, advance_m: 0.15, scatter: PAPER, ..circle(Pattern::Brick) }
             }
             Self::Spiral => underpass,
+            // The readout is that of a HERO4 Black: 6 px of skew at the samples' resolution.
+            Self::UnsettledShaft => Recipe { shaft_deg_per_s: 12.0, rolling_shutter_s: 0.03, ..underpass },
             Self::Cylindrical => Recipe { photos: 170, advance_m: 1.0, stands: true, ..underpass },
             Self::Trolley => Recipe { photos: 230, advance_m: 22.0 / 230.0, ..underpass },
             Self::Long => Recipe { photos: 2300, advance_m: 22.0 / 230.0, ..underpass },

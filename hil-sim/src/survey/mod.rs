@@ -24,7 +24,7 @@ pub use kind::SetKind;
 
 use crate::render::card::{CardPlace, encode_photo, write_file, write_mask};
 use crate::render::truth::{TextureGeometry, write_poses, write_texture};
-use crate::render::{ExifTime, PhotoRenderer, RenderConfig, RenderError, Shot};
+use crate::render::{ExifTime, PhotoRenderer, RenderConfig, RenderError};
 use crate::scene::paint::LiningPaint;
 use crate::scene::{BulgeConfig, PipeConfig, Wall, WallConfig, WallError};
 use crate::seed::{Random, Stream};
@@ -93,6 +93,8 @@ pub struct SetFigures {
     pub mount_rotvec_deg: [f64; 3],
     /// The relative error of the odometer.
     pub odometer_scale_error: f64,
+    /// Speed of the shaft while a photo is read out, clockwise looking forward.
+    pub shaft_deg_per_s: f64,
     /// How the wall differs from its section.
     pub wall: WallConfig,
     /// How the photos were taken.
@@ -105,6 +107,8 @@ struct Set {
     wall: Wall,
     paint: Arc<LiningPaint>,
     captures: Vec<Capture>,
+    /// While a photo is read out.
+    shaft_rad_per_s: f64,
     figures: SetFigures,
 }
 
@@ -163,10 +167,11 @@ impl Set {
             built_profile: recipe.built,
             mount_rotvec_deg,
             odometer_scale_error: tags::odometer_scale(seed),
+            shaft_deg_per_s: recipe.shaft_deg_per_s,
             wall: wall_config,
             render: RenderConfig { vehicle_parts: recipe.vehicle_parts, ..RenderConfig::default() },
         };
-        Ok(Self { survey, wall, paint, captures, figures })
+        Ok(Self { survey, wall, paint, captures, shaft_rad_per_s: recipe.shaft_deg_per_s.to_radians(), figures })
     }
 
     fn tags_csv(&self, places: &[CardPlace], seed: u64) -> String {
@@ -184,10 +189,11 @@ impl Set {
         after_each: &(dyn Fn(usize) + Sync),
     ) -> Result<(), RenderError> {
         let render = &self.figures.render;
+        let CameraConfig { camera, rolling_shutter_s: readout_s, .. } = self.survey.camera;
         let wall = Arc::new(self.wall.clone());
-        let renderer = PhotoRenderer::new(self.survey.camera.camera, 0.0, wall, self.paint.clone(), render, seed)?;
+        let renderer = PhotoRenderer::new(camera, readout_s, wall, self.paint.clone(), render, seed)?;
         places.par_iter().zip(&self.captures).enumerate().try_for_each(|(index, (place, capture))| {
-            let shot = Shot::still(index as u32, capture.tunnel_from_cam, capture.tunnel_from_body);
+            let shot = capture.shot(index as u32, self.shaft_rad_per_s);
             let photo = renderer.render(&shot);
             let taken = ExifTime(FIRST_PHOTO + index as i64);
             let bytes = encode_photo(&photo.image, render.jpeg_quality, render.sensor.exposure_s, taken)?;
@@ -211,7 +217,7 @@ fn survey_config(recipe: &Recipe, width_px: u32) -> SurveyConfig {
     };
     SurveyConfig {
         profile: recipe.nominal.clone(),
-        camera: CameraConfig { camera, refine: false, rolling_shutter_s: 0.0 },
+        camera: CameraConfig { camera, refine: false, rolling_shutter_s: recipe.rolling_shutter_s },
         rig: Rig {
             images_per_turn: recipe.images_per_turn,
             image_up: ImageUp::Forward,

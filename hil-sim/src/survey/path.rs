@@ -5,6 +5,7 @@ use adit_geometry::rig::{Rig, attitude};
 use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::kind::{Recipe, Scatter};
+use crate::render::Shot;
 use crate::seed::{Random, Stream, Wander};
 
 /// True roll, pitch and yaw, one standard deviation each; the tags know nothing of them.
@@ -21,6 +22,16 @@ pub(super) struct Capture {
     pub(super) shaft_rad: f64,
     pub(super) tunnel_from_body: Isometry3<f64>,
     pub(super) tunnel_from_cam: Isometry3<f64>,
+}
+
+impl Capture {
+    /// The exposure, with the shaft turning at `shaft_rad_per_s` (clockwise looking forward) about the body's x axis.
+    pub(super) fn shot(&self, index: u32, shaft_rad_per_s: f64) -> Shot {
+        let still = Shot::still(index, self.tunnel_from_cam, self.tunnel_from_body);
+        let angular_velocity_rad_per_s = self.tunnel_from_body.rotation * (Vector3::x() * shaft_rad_per_s);
+        let arm_m = self.tunnel_from_cam.translation.vector - self.tunnel_from_body.translation.vector;
+        Shot { velocity_mps: angular_velocity_rad_per_s.cross(&arm_m), angular_velocity_rad_per_s, ..still }
+    }
 }
 
 /// The true captures of a set with the camera mounted as `rig` says.
