@@ -94,7 +94,7 @@ impl Rows {
             .into_par_iter()
             .flat_map_iter(|row| {
                 let line = &self.data[row * columns..(row + 1) * columns];
-                let term = |column: usize| {
+                let term = move |column: usize| {
                     let value = line[column % columns];
                     let skip = skipped.get(row * columns + column % columns).is_some_and(|&skip| skip);
                     if skip || value.is_nan() { [0.0, 0.0] } else { [value, 1.0] }
