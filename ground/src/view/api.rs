@@ -15,8 +15,9 @@ use serde_json::json;
 use super::Viewer;
 use super::error::ViewError;
 use super::files::{self, FileError};
-use super::{guard, panorama, scene};
+use super::{guard, scene};
 use crate::findings::{self, FindingsError, Inspection, Observation, Store};
+use crate::texture::Panorama;
 
 /// The page, as `cargo xtask viewer` builds it.
 const PAGE: &str = include_str!("../../viewer/dist/index.html");
@@ -127,7 +128,7 @@ impl Shared {
 
     fn export(&self, file: &str) -> Result<Response, ViewError> {
         let all = self.with_store(Store::load)?;
-        let panorama = panorama::read(&self.viewer.out)?;
+        let panorama = Panorama::open(&self.viewer.out)?;
         let (content_type, body) = match file {
             "findings.csv" => {
                 let mut text = Vec::new();

@@ -4,25 +4,16 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use adit_geometry::profile::ProfileError;
-
 use crate::findings::FindingsError;
 use crate::poses::PosesError;
+use crate::texture::TextureError;
 
 /// Why the viewer cannot show something.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
-    /// No panorama there.
-    #[error(
-        "{}: no panorama (panorama/panorama.json); run `adit reconstruct SURVEY` to its texture stage (without \
-         --stop-after, or with --stop-after texture) and view the folder it names as results{}", out.display(), hint
-    )]
-    NoPanorama {
-        /// The folder.
-        out: PathBuf,
-        /// What else may be meant.
-        hint: &'static str,
-    },
+    /// No panorama there, or a damaged one.
+    #[error(transparent)]
+    Texture(#[from] TextureError),
     /// A file cannot be read.
     #[error("{}: cannot be read", path.display())]
     Read {
@@ -41,19 +32,11 @@ pub enum ViewError {
     },
     /// Figures of the results are missing or contradict each other.
     #[error("{}: {what}; run `adit reconstruct` again with --fresh", path.display())]
-    Panorama {
+    Coverage {
         /// The file.
         path: PathBuf,
         /// What is wrong.
         what: &'static str,
-    },
-    /// The section cannot be built.
-    #[error("{}: the section", path.display())]
-    Profile {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: ProfileError,
     },
     /// The poses cannot be read.
     #[error(transparent)]

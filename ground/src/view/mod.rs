@@ -16,7 +16,6 @@ mod error;
 mod files;
 mod footprints;
 mod guard;
-mod panorama;
 mod scene;
 
 use std::future::Future;
@@ -24,6 +23,8 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use tokio::net::TcpListener;
+
+use crate::texture::Panorama;
 
 pub use error::ViewError;
 
@@ -42,10 +43,10 @@ impl Viewer {
     /// Looks whether `out` can be shown.
     ///
     /// # Errors
-    /// [`ViewError::NoPanorama`] and others that say what to run.
+    /// [`ViewError`], with words that say what to run.
     pub fn open(out: &Path) -> Result<Self, ViewError> {
         let canonical = out.canonicalize().map_err(|source| ViewError::Read { path: out.to_owned(), source })?;
-        panorama::read(&canonical)?;
+        Panorama::open(&canonical)?;
         let survey = canonical.parent().filter(|folder| folder.join("survey.toml").is_file());
         let photos = survey.map(|folder| folder.join("photos")).and_then(|folder| folder.canonicalize().ok());
         let named = survey.unwrap_or(&canonical).file_name();

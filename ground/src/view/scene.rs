@@ -11,9 +11,8 @@ use serde_json::Value;
 use super::Viewer;
 use super::error::ViewError;
 use super::footprints::{footprint, read_camera};
-use super::panorama;
 use crate::poses::{PoseStatus, read_poses};
-use crate::texture::{PanoramaGrid, TILE_PX, TileReader};
+use crate::texture::{Panorama, PanoramaGrid, TILE_PX, TileReader};
 
 /// No chord of the section's polyline is farther from its arc.
 const SAGITTA_M: f64 = 0.0005;
@@ -87,7 +86,7 @@ struct Photo {
 
 /// Reads what there is. Only the panorama is needed; everything else that is missing becomes a note.
 pub(super) fn read(viewer: &Viewer) -> Result<Scene, ViewError> {
-    let panorama = panorama::read(&viewer.out)?;
+    let panorama = Panorama::open(&viewer.out)?;
     let mut notes = Vec::new();
     let photos = noted(photos(&viewer.out, &panorama.profile), "no photos can be shown on the wall", &mut notes);
     let coverage = noted(coverage(&viewer.out), "no coverage can be shown", &mut notes);
@@ -189,7 +188,7 @@ fn coverage(out: &Path) -> Result<Option<CoverageLayer>, ViewError> {
     let Some((_, rows)) = png_size(&out.join("coverage.png"))? else { return Ok(None) };
     let number = |key: &str| about.get(key).and_then(Value::as_f64);
     let Some((x_from_m, cell_m)) = number("x0_m").zip(number("cell_m")) else {
-        return Err(ViewError::Panorama { path, what: "it does not say where its cells lie (x0_m, cell_m)" });
+        return Err(ViewError::Coverage { path, what: "it does not say where its cells lie (x0_m, cell_m)" });
     };
     let x_to_m = x_from_m + f64::from(rows) * cell_m;
     let layer = Layer { url: "coverage.png", x_from_m, x_to_m };
