@@ -6,6 +6,7 @@ mod photos;
 mod placing;
 mod progress;
 mod solve;
+mod stages;
 mod tag_noise;
 mod warnings;
 
@@ -18,13 +19,15 @@ use serde_json::json;
 pub use checkpoint::{Checkpoints, Key};
 pub(crate) use groups::registered;
 pub use progress::{StageProgress, Verbosity};
-pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver, Start, TagSlip};
+pub use solve::{SolveOptions, Solver, Start};
+pub use stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, TagSlip};
 pub use warnings::Warning;
 
 use crate::files::write_whole;
 use crate::model::{self, ModelOptions, ModelReport};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction, write_poses};
 use crate::report::{self, ReportInput};
+use crate::surface::{self, SurfaceOptions, SurfaceReport, SurfaceStore};
 use crate::survey::{self, Loss, Survey};
 use crate::texture::{self, TextureOptions, TextureProgress, TextureReport};
 
@@ -40,6 +43,8 @@ pub enum Stage {
     Match,
     /// Adjustment with pruning.
     Adjust,
+    /// The wall's height over its section: rings and relief.
+    Surface,
     /// Panorama, sheets, coverage.
     Texture,
     /// GLB, OBJ, PLY, COLMAP.
@@ -165,6 +170,18 @@ impl Run<'_> {
 
     fn picture_stages(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<()> {
         let out = &self.options.out;
+        let options = SurfaceOptions::default();
+        let key = key.then("surface", &options)?;
+        let files = ["surface/surface.json", "relief.tif", "relief.png"];
+        let compute = |progress: &StageProgress| {
+            let tell = |done: usize, total: usize| if done == 0 { progress.restart(total) } else { progress.tick() };
+            Ok(surface::build(survey, reconstruction, &options, out, &tell)?)
+        };
+        let surface = self.stage(Stage::Surface, key, 0, &files, compute, say_surface)?;
+        self.summary.losses.extend(surface.losses.iter().cloned());
+        if self.ends_with(Stage::Surface) {
+            return Ok(());
+        }
         let options = TextureOptions { mm_per_px: self.options.mm_per_px, ..TextureOptions::default() };
         let key = key.then("texture", &options)?;
         let files = ["panorama/panorama.json", "panorama/tiles/panorama.dzi", "coverage.json"];
@@ -173,7 +190,8 @@ impl Run<'_> {
                 TextureProgress::Total(total) => progress.restart(total),
                 TextureProgress::Step => progress.tick(),
             };
-            Ok(texture::build(survey, reconstruction, &options, out, &tell)?)
+            let surface = SurfaceStore::open(out)?;
+            Ok(texture::build(survey, reconstruction, &surface, &options, out, &tell)?)
         };
         let textured = self.stage(Stage::Texture, key, 0, &files, compute, say_texture)?;
         self.summary.losses.extend(textured.losses.iter().cloned());
@@ -185,7 +203,7 @@ impl Run<'_> {
         let files = ["model.glb", "model.obj", "points.ply", "colmap/points3D.txt"];
         let compute = |_: &StageProgress| {
             model::colmap::write(reconstruction, &out.join("colmap"))?;
-            Ok(model::write(reconstruction, &textured.grid, &options, out)?)
+            Ok(model::write(&SurfaceStore::open(out)?, &textured.grid, &options, out)?)
         };
         self.stage(Stage::Model, key, 0, &files, compute, say_model)?;
         if self.ends_with(Stage::Model) {
@@ -264,6 +282,7 @@ impl Stage {
             Self::Coarse => "coarse",
             Self::Match => "match",
             Self::Adjust => "adjust",
+            Self::Surface => "surface",
             Self::Texture => "texture",
             Self::Model => "model",
             Self::Report => "report",
@@ -327,6 +346,15 @@ fn say_adjust(stage: &AdjustStage) -> (String, serde_json::Value) {
         "pruned": stage.pruned,
     });
     (line, figures)
+}
+
+fn say_surface(report: &SurfaceReport) -> (String, serde_json::Value) {
+    let ovality = report.median_ovality_percent.map_or_else(String::new, |percent| format!(", ovality {percent:.2} %"));
+    let line = format!(
+        "{:.1} m2 known in cells of {:.0} mm, relief {:+.1} to {:+.1} mm{ovality}",
+        report.known_area_m2, report.cell_mm, report.deepest.height_mm, report.highest.height_mm
+    );
+    (line, json!(report))
 }
 
 fn say_texture(report: &TextureReport) -> (String, serde_json::Value) {

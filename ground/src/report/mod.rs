@@ -131,6 +131,8 @@ fn page(input: &ReportInput<'_>, report: &Report<'_>, out: &Path) -> Result<Stri
         "holes": input.texture.coverage.holes.iter().take(LISTED_HOLES).collect::<Vec<_>>(),
         "panorama": picture::panorama(grid, &out.join("panorama/tiles"), PICTURE_PX)?,
         "coverage_picture": picture::map(&out.join("coverage.png"), PICTURE_PX)?,
+        "surface": figures_of(input.stages, "surface"),
+        "relief_picture": picture::map(&out.join("relief.png"), PICTURE_PX)?,
         "coverage_colours": crate::texture::COVERAGE_COLOURS,
         "track_svg": figures::track_svg(&input.reconstruction.poses),
         "section_svg": figures::section_svg(&profile, &input.reconstruction.poses),

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 
-use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
 use super::blend::{Band, HALO_CELLS, Shares, blend};
@@ -14,11 +13,12 @@ use super::fine::{FineSource, TexelRows, add_detail, finish};
 use super::grid::{Lattice, PanoramaGrid};
 use super::layer::{BestScores, Layer, LayerSource, Rgbx, Useful, useful};
 use super::sample::Mips;
-use super::scout::Candidate;
+use super::scout::{Candidate, stretch};
 use super::sink::Sinks;
 use super::tiles::TILE_PX;
 use super::tone::{ToneCurve, Tones};
 use super::usable::Usable;
+use crate::surface::SurfaceStore;
 use crate::survey::Loss;
 
 /// Rows of a strip: whole rows of tiles.
@@ -33,7 +33,7 @@ pub(super) struct StripJob<'a> {
     /// Photos that can be decoded.
     pub(super) good: &'a [bool],
     pub(super) tones: &'a Tones,
-    pub(super) profile: &'a Profile<f64>,
+    pub(super) surface: &'a SurfaceStore,
     pub(super) coarse: &'a Lattice,
     pub(super) best: &'a [f32],
     pub(super) grid: &'a PanoramaGrid,
@@ -82,7 +82,7 @@ pub(super) fn run(
         let mut pass =
             Pass { job, active: BTreeMap::new(), cache: Cache::new(job.cache_bytes), report: StripReport::default() };
         for v0 in (0..job.grid.height_px).step_by(STRIP_ROWS) {
-            let rows = pass.strip(v0, STRIP_ROWS.min(job.grid.height_px - v0));
+            let rows = pass.strip(v0, STRIP_ROWS.min(job.grid.height_px - v0))?;
             if sender.send(rows).is_err() {
                 break;
             }
@@ -102,13 +102,14 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn strip(&mut self, v0: usize, rows: usize) -> Vec<u8> {
+    fn strip(&mut self, v0: usize, rows: usize) -> Result<Vec<u8>, TextureError> {
         let job = self.job;
-        let texels = TexelRows { grid: job.grid, mid: job.coarse.finer(), v0 };
+        let surface = job.surface.window([job.grid.x_m(v0 as f64), job.grid.x_m((v0 + rows) as f64)])?;
+        let texels = TexelRows { grid: job.grid, mid: job.coarse.finer(), surface: &surface, v0 };
         let band = self.band(v0, rows);
         self.forget_before(band.row0);
-        self.approach(&band);
-        self.lay_down(&band);
+        self.approach(&band)?;
+        self.lay_down(&band)?;
         let layers: Vec<(usize, &Active, &Layer)> = self
             .active
             .iter()
@@ -133,13 +134,13 @@ impl Pass<'_> {
                 .filter_map(|(entry, mips)| {
                     let ((index, active, layer), shares): ((usize, &Active, &Layer), &Shares) = *entry;
                     let photo = (&**mips.as_ref()?, &active.curve, &active.usable);
-                    Some(FineSource::new(&job.candidates[index].view, layer, shares, photo, job.profile, &texels))
+                    Some(FineSource::new(&job.candidates[index].view, layer, shares, photo, &texels))
                 })
                 .collect();
             add_detail(&sources, &texels, &mut detail);
         }
         self.report.coloured_px += detail.iter().filter(|texel| texel[3] > 0.0).count() as u64;
-        finish(&detail, &composite, &texels)
+        Ok(finish(&detail, &composite, &texels))
     }
 
     /// The coarse rows that a strip of texel rows needs.
@@ -165,7 +166,7 @@ impl Pass<'_> {
     }
 
     /// Prepares photos whose footprint reaches the band, without decoding them.
-    fn approach(&mut self, band: &Band) {
+    fn approach(&mut self, band: &Band) -> Result<(), TextureError> {
         let job = self.job;
         let best = BestScores { lattice: job.coarse, scores: job.best };
         let new: Vec<usize> = (0..job.candidates.len())
@@ -175,12 +176,16 @@ impl Pass<'_> {
                 near && job.good[index] && !self.active.contains_key(&index)
             })
             .collect();
+        if new.is_empty() {
+            return Ok(());
+        }
+        let surface = job.surface.window(stretch(new.iter().map(|&index| &job.candidates[index])))?;
         let prepared: Vec<_> = new
             .into_par_iter()
             .map(|index| {
                 let candidate = &job.candidates[index];
                 let active = candidate.usable().map(|usable| {
-                    let useful = useful(&candidate.view, &candidate.footprint, &usable, job.profile, &best)?;
+                    let useful = useful(&candidate.view, &candidate.footprint, &usable, &surface, &best)?;
                     let curve = ToneCurve::new(&candidate.view.camera, job.tones, index);
                     Some(Active { usable, curve, useful, layer: None })
                 });
@@ -194,10 +199,11 @@ impl Pass<'_> {
             });
             self.active.insert(index, active);
         }
+        Ok(())
     }
 
     /// Decodes photos that become useful in the band and lays them on the wall.
-    fn lay_down(&mut self, band: &Band) {
+    fn lay_down(&mut self, band: &Band) -> Result<(), TextureError> {
         let job = self.job;
         let due = |active: &Active| {
             let region = active.useful.region;
@@ -210,6 +216,7 @@ impl Pass<'_> {
             .collect();
         for batch in new.chunks(BATCH) {
             let photos = self.cache.fetch(job.candidates, batch, &mut self.report);
+            let surface = job.surface.window(stretch(batch.iter().map(|&index| &job.candidates[index])))?;
             let active = &self.active;
             let layers: Vec<_> = batch
                 .par_iter()
@@ -218,7 +225,7 @@ impl Pass<'_> {
                     let (mips, active) = (mips.as_ref()?, active.get(index)?.as_ref()?);
                     let view = &job.candidates[*index].view;
                     let source = LayerSource { view, usable: &active.usable, mips, curve: &active.curve };
-                    Some(Layer::new(&source, &active.useful, job.profile, job.coarse, job.grid.texel_m()))
+                    Some(Layer::new(&source, &active.useful, &surface, job.coarse, job.grid.texel_m()))
                 })
                 .collect();
             for (index, layer) in batch.iter().zip(layers) {
@@ -229,6 +236,7 @@ impl Pass<'_> {
                 }
             }
         }
+        Ok(())
     }
 }
 
