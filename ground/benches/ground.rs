@@ -12,6 +12,7 @@ use adit_ground::features::{OrbOptions, Orientation, SiftOptions, nearest, orb, 
 use adit_ground::matching::{MatchConfig, match_round};
 use adit_ground::raster::{Grey, Luma};
 use adit_ground::surface::{self, SurfaceOptions};
+use adit_ground::survey::{Size, decode_luma, load_mask};
 use adit_ground::texture::{self, TextureOptions};
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -33,6 +34,32 @@ fn match_twelve_photos(bencher: Bencher<'_, '_>, stage: &str) {
     bencher.bench(|| {
         match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), &config, &|_| true, &|_| ())
     });
+}
+
+/// Laying two photos onto the wall, filtering them and choosing their reference points, and matching the one pair that they make.
+#[divan::bench(args = ["wide", "fine"], sample_count = 10)]
+fn match_two_photos(bencher: Bencher<'_, '_>, stage: &str) {
+    let Some(sample) = support::load("cylinder-concrete-spiral", 2) else { return };
+    let native_m = MatchConfig::native_m(&sample.profile, &sample.camera);
+    let config = if stage == "wide" { MatchConfig::wide(native_m) } else { MatchConfig::fine(native_m) };
+    let poses = sample.perturbed(0.002, 0.001, 7);
+    bencher.bench(|| {
+        match_round(&sample.profile, &sample.camera, &poses, sample.photos.as_slice(), &config, &|_| true, &|_| ())
+    });
+}
+
+/// Reading a photo of 1000 x 750 and its mask from disk, as the matching wants them.
+#[divan::bench(args = ["photo", "mask"])]
+fn read_from_disk(bencher: Bencher<'_, '_>, what: &str) {
+    let Some(folder) = support::samples().map(|samples| samples.join("cylinder-concrete-spiral")) else { return };
+    let size = Size { width_px: 1000, height_px: 750 };
+    if what == "photo" {
+        let path = folder.join("photos/GOPR0001.JPG");
+        bencher.bench(|| decode_luma(&path, size).expect("a photo"));
+    } else {
+        let path = folder.join("masks/GOPR0001.JPG.png");
+        bencher.bench(|| load_mask(&path, size).expect("a mask"));
+    }
 }
 
 /// Detecting and describing one photo of 1000 x 750; the count says how many features came of it.

@@ -46,8 +46,12 @@
 //! points. Relief bends the templates: beyond some `template * slope` matches thin out.
 //!
 //! # Memory and cost
-//! About 10 bytes per texel for each photo held; a photo is held from its own turn until its last partner's. Measured
-//! cost: see `benches/ground.rs`.
+//! About 1.3 bytes per texel for each photo held (the band is rounded to bytes: no match moves by a thousandth of a pixel); a
+//! photo is held from its own turn until its last partner's. Measured on one core of a busy 2.6 GHz EPYC (AVX2), photos of
+//! 0.75 megapixels with five partners each: 9 ms a photo in the coarse round, 20 ms in the fine one (0.9 million texels), of
+//! which laying it onto the wall takes 6 ms, the band and the reference points 5 ms, searching 4 ms. What is wide or summed
+//! over boxes is worked out on averages of 4 x 4 texels; wide windows are searched at half the resolution first, at a tenth
+//! of the cost. See `benches/ground.rs`.
 
 mod coherence;
 mod config;

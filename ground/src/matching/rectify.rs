@@ -6,6 +6,12 @@ use super::Pixels;
 use super::filter::Plane;
 use super::wall::{BLOCK, Footprint, WallGrid};
 
+/// Rows between exact projections.
+const KNOT_ROWS: usize = 8;
+
+/// Knots per block of rows.
+const KNOTS: usize = BLOCK / KNOT_ROWS;
+
 /// Added before the logarithm, grey levels: keeps the noise of dark pixels from being blown up.
 const LOG_OFFSET: f32 = 8.0;
 
@@ -99,7 +105,6 @@ pub(super) fn rectify(
     let halvings = (texel_px.log2() - 0.2).round().clamp(0.0, 6.0) as u32;
     let image = Image::new(pixels, halvings);
     let knots = Knots::new(grid, tunnel_from_cam, footprint, 0.5_f64.powi(halvings as i32));
-    let weights: [[f32; 4]; BLOCK] = std::array::from_fn(|phase| cubic_weights(phase as f32 / BLOCK as f32));
     let [blocks_wide, blocks_high] = footprint.size;
     let (width, height) = (blocks_wide * BLOCK, blocks_high * BLOCK);
     let mut plane = Plane { width, height, data: vec![f32::NAN; width * height] };
@@ -109,11 +114,11 @@ pub(super) fn rectify(
             continue;
         }
         let start = block_column * BLOCK;
-        for (phase, weights) in weights.iter().enumerate() {
-            let at = |axis: usize| knots.blended(axis, block_row, start, weights);
-            let (xs, ys) = (at(0), at(1));
-            let facing = &knots.facing[(block_row + 1 + 2 * phase / BLOCK) * width + start..][..BLOCK];
-            let target = &mut plane.row_mut(block_row * BLOCK + phase)[start..start + BLOCK];
+        for row in block_row * BLOCK..(block_row + 1) * BLOCK {
+            let [xs, ys] = knots.positions(row, start);
+            let nearest = (row + KNOT_ROWS / 2) / KNOT_ROWS + 1;
+            let facing = &knots.facing[nearest * width + start..][..BLOCK];
+            let target = &mut plane.row_mut(row)[start..start + BLOCK];
             for (((value, &x), &y), &facing) in target.iter_mut().zip(&xs).zip(&ys).zip(facing) {
                 if facing {
                     *value = image.sample(x, y);
@@ -124,13 +129,15 @@ pub(super) fn rectify(
     plane
 }
 
-/// Exact projections of every column, every [`BLOCK`] rows, from one knot before the window on. Between them pixels follow a
+/// Exact projections of every column, every [`KNOT_ROWS`] rows, from one knot before the window on. Between them pixels follow a
 /// cubic, to 1e-4 px for walls farther than 30 knots.
 struct Knots {
     /// Position along x and y in the halved image, counted from the first pixel's centre; NaN where there is none.
     pixels: [Plane; 2],
     /// The wall faces the camera there.
     facing: Vec<bool>,
+    /// Of the four knots around a row.
+    weights: [[f32; 4]; KNOT_ROWS],
 }
 
 impl Knots {
@@ -141,27 +148,28 @@ impl Knots {
         pixels_per_photo_pixel: f64,
     ) -> Self {
         let width = footprint.size[0] * BLOCK;
-        let rows = footprint.size[1] + 3;
+        let rows = footprint.size[1] * KNOTS + 3;
+        let weights = std::array::from_fn(|phase| cubic_weights(phase as f32 / KNOT_ROWS as f32));
         let unknown = Plane { width, height: rows, data: vec![f32::NAN; width * rows] };
-        let mut knots = Self { pixels: [unknown.clone(), unknown], facing: vec![false; width * rows] };
+        let mut knots = Self { pixels: [unknown.clone(), unknown], facing: vec![false; width * rows], weights };
         let centre = Point3::from(tunnel_from_cam.translation.vector);
         let cam_from_tunnel = tunnel_from_cam.inverse();
         // Of each column of blocks, those around which something is seen and the next on both sides.
         let needed: Vec<_> = (0..footprint.size[0])
             .map(|block_column| {
                 let seen = |row: &usize| footprint.sees_around([block_column, *row]);
-                let first = (0..footprint.size[1]).find(seen).unwrap_or(rows);
-                first..(0..footprint.size[1]).rfind(seen).map_or(rows, |last| last + 4)
+                let first = (0..footprint.size[1]).find(seen).map_or(rows, |first| first * KNOTS);
+                first..(0..footprint.size[1]).rfind(seen).map_or(rows, |last| (last + 1) * KNOTS + 3)
             })
             .collect();
         let [column0, row0] = footprint.block0.map(|block| (block * BLOCK as i64) as f64);
         for column in 0..width {
             let s = column0 + column as f64;
-            let Some(start) = grid.point(s, row0 - BLOCK as f64) else { continue };
+            let Some(start) = grid.point(s, row0 - KNOT_ROWS as f64) else { continue };
             let open = grid.is_open(s, &centre);
             for knot in needed[column / BLOCK].clone() {
                 let mut point = start;
-                point.position.x += (knot * BLOCK) as f64 * grid.step_m;
+                point.position.x += (knot * KNOT_ROWS) as f64 * grid.step_m;
                 let in_cam = cam_from_tunnel.transform_point(&point.position).coords;
                 let Some(pixel) = grid.camera.project(&in_cam) else { continue };
                 let index = knot * width + column;
@@ -174,15 +182,18 @@ impl Knots {
         knots
     }
 
-    /// Positions along an axis of a block's columns, which begin at `start`, between the knots of a block row.
-    fn blended(&self, axis: usize, block_row: usize, start: usize, weights: &[f32; 4]) -> [f32; BLOCK] {
-        let mut positions = [0.0; BLOCK];
-        for (knot, weight) in (block_row..).zip(weights) {
-            for (position, value) in positions.iter_mut().zip(&self.pixels[axis].row(knot)[start..start + BLOCK]) {
-                *position += weight * value;
+    /// Positions along x and y, between the knots, of the texels of a row from column `start` on.
+    fn positions(&self, row: usize, start: usize) -> [[f32; BLOCK]; 2] {
+        let weights = self.weights[row % KNOT_ROWS];
+        self.pixels.each_ref().map(|pixels| {
+            let mut positions = [0.0; BLOCK];
+            for (knot, weight) in (row / KNOT_ROWS..).zip(weights) {
+                for (position, value) in positions.iter_mut().zip(&pixels.row(knot)[start..start + BLOCK]) {
+                    *position += weight * value;
+                }
             }
-        }
-        positions
+            positions
+        })
     }
 }
 
@@ -199,6 +210,11 @@ fn cubic_weights(t: f32) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use std::borrow::Cow;
+
+    use adit_geometry::camera::{Camera, Distortion};
+    use adit_geometry::profile::ProfileSpec;
+    use adit_geometry::rig::{ImageUp, nominal_rotation};
+    use nalgebra::{Translation3, UnitQuaternion, Vector2};
 
     use super::*;
     use crate::raster::{Luma, Mask};
@@ -226,6 +242,39 @@ mod tests {
         let grey = Luma { width: 4, height: 2, data: vec![10, 20, 1, 1, 30, 41, 1, 1] };
         let image = Image::new(&Pixels { grey: Cow::Owned(grey), mask: Some(Cow::Owned(mask)) }, 1);
         assert_eq!((image.width, image.height, &image.levels[..]), (2, 1, &[404, 0][..]));
+    }
+
+    #[test]
+    fn between_knots_pixels_are_exact_to_a_ten_thousandth() {
+        let profile = ProfileSpec::Circle { radius_m: 3.0 }.build().expect("a valid profile");
+        let camera = Camera {
+            width_px: 1000,
+            height_px: 750,
+            focal_px: [466.0; 2],
+            centre_px: [503.0, 373.0],
+            distortion: Distortion::BrownConrady([-0.04, 0.006, 0.0, 0.0, 0.0]),
+        };
+        let grid = WallGrid::new(&profile, &camera, 0.95 * 3.0 / 466.0, 68_f64.to_radians());
+        // Off the axis, and tilted.
+        let turned = UnitQuaternion::from_euler_angles(0.05, -0.04, 0.02);
+        let rotation = turned * nominal_rotation(ImageUp::Forward, 0.6);
+        let pose = Isometry3::from_parts(Translation3::new(0.2, 0.2, -0.3), rotation);
+        let footprint = Footprint::new(&grid, &pose).expect("a wall");
+        let knots = Knots::new(&grid, &pose, &footprint, 1.0);
+        let mut worst_px = 0.0_f64;
+        for row in 0..footprint.size[1] * BLOCK {
+            for block in 0..footprint.size[0] {
+                let [xs, ys] = knots.positions(row, block * BLOCK);
+                let [column0, row0] = footprint.block0.map(|block| (block * BLOCK as i64) as f64);
+                let exact = grid.pixel(&pose, column0 + (block * BLOCK) as f64, row0 + row as f64);
+                let Some(exact) = exact.filter(|pixel| camera.contains(pixel, 1.0)) else { continue };
+                if footprint.sees_around([block, row / BLOCK]) {
+                    let difference = Vector2::new(f64::from(xs[0]), f64::from(ys[0])) + Vector2::repeat(0.5) - exact;
+                    worst_px = worst_px.max(difference.norm());
+                }
+            }
+        }
+        assert!(worst_px > 0.0 && worst_px < 3e-4, "{worst_px}");
     }
 
     #[test]
