@@ -7,6 +7,7 @@
 //! tunnel's length; each photo is decoded twice as long as the photos around a strip fit into the cache.
 
 mod blend;
+mod cache;
 mod coverage;
 mod error;
 mod fine;
@@ -14,7 +15,9 @@ mod grid;
 mod layer;
 mod sample;
 mod scout;
+mod seams;
 mod sink;
+mod steps;
 mod strips;
 mod tiles;
 mod tone;
@@ -35,11 +38,13 @@ pub(crate) use error::at_path;
 pub(crate) use grid::Lattice;
 pub use grid::{PanoramaGrid, profile_json};
 pub use sink::Sheet;
+pub use steps::Seams;
 pub use tiles::{PixelBox, Rgba8, TILE_PX, TileReader};
 pub(crate) use tiles::{read_png, write_png};
 
 use crate::poses::Reconstruction;
 use crate::survey::{Loss, Survey};
+use cache::Cache;
 use scout::{Candidate, Scouted};
 use sink::Sinks;
 use strips::StripJob;
@@ -82,7 +87,7 @@ pub enum TextureProgress {
 pub struct PhotoGain {
     /// The photo.
     pub photo: String,
-    /// Factor on the gamma-encoded red, green and blue values that the exposure makes.
+    /// Factor on the red, green and blue light (before the sRGB curve) that the exposure makes, against the mean of all photos.
     pub gain: [f64; 3],
 }
 
@@ -105,12 +110,14 @@ pub struct TextureReport {
     pub coloured_area_m2: f64,
     /// Exposure per photo.
     pub gains: Vec<PhotoGain>,
-    /// Mean brightness in the corners of a photo against its middle, green: vignetting and the lamp's fall-off.
+    /// Mean light in the corners of a photo against its middle, green: vignetting and the lamp's fall-off.
     pub corner_brightness: f64,
     /// Root mean square relative difference between photos of the same place, before and after the correction.
     pub tone_rms_before: f64,
     /// After the correction.
     pub tone_rms_after: f64,
+    /// The seams between photos.
+    pub seams: Seams,
     /// Coverage.
     pub coverage: Coverage,
     /// Photos or masks that could not be used.
@@ -143,7 +150,7 @@ pub fn build(
     let coarse = lattice(&candidates, &profile).ok_or_else(nothing_seen)?;
     progress(TextureProgress::Total(candidates.len()));
     let step = || progress(TextureProgress::Step);
-    let mut scouted = scout::scout(&candidates, &profile, &coarse, &mut losses, &step);
+    let mut scouted = scout::scout(&candidates, &profile, &coarse, options.cache_bytes, &mut losses, &step);
     let native_mm_per_px = scouted.native_mm_per_px().ok_or_else(nothing_seen)?;
     let rows = scouted.seen_rows(&coarse).ok_or_else(nothing_seen)?;
     let grid = panorama_grid(options, native_mm_per_px, &profile, &coarse, rows)?;
@@ -155,6 +162,7 @@ pub fn build(
     if description.exists() {
         fs::remove_file(&description).map_err(at_path(&description))?;
     }
+    let cache = std::mem::replace(&mut scouted.cache, Cache::new(0));
     let coverage = write_coverage(&scouted, &candidates, &coarse, &profile, out)?;
     let sinks = Sinks::create(out, grid, &profile)?;
     progress(TextureProgress::Total(candidates.len() + strips::strip_count(&grid)));
@@ -168,7 +176,7 @@ pub fn build(
         grid: &grid,
         cache_bytes: options.cache_bytes,
     };
-    let (sinks, strip_report) = strips::run(&job, sinks, &step)?;
+    let (sinks, strip_report) = strips::run(&job, cache, sinks, &step)?;
     let (picture, sheets) = sinks.finish()?;
     fs::write(&description, format!("{:#}\n", grid.to_json(&reconstruction.profile))).map_err(at_path(&description))?;
     losses.extend(strip_report.losses);
@@ -185,6 +193,7 @@ pub fn build(
         corner_brightness: tones.corner_brightness(&reconstruction.camera),
         tone_rms_before: tones.rms_before,
         tone_rms_after: tones.rms_after,
+        seams: strip_report.seams.figures(coarse.finer().step_s_m),
         coverage,
         losses,
         scout_s,
@@ -243,7 +252,7 @@ fn write_coverage(
 fn photo_gains(candidates: &[Candidate], tones: &Tones) -> Vec<PhotoGain> {
     candidates
         .iter()
-        .zip(&tones.gains)
-        .map(|(candidate, gain)| PhotoGain { photo: candidate.photo.name.clone(), gain: gain.map(f64::exp) })
+        .zip(tones.light_gains())
+        .map(|(candidate, gain)| PhotoGain { photo: candidate.photo.name.clone(), gain })
         .collect()
 }

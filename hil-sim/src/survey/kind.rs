@@ -4,7 +4,7 @@ use adit_geometry::profile::{Part, ProfileSpec};
 use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::render::VehiclePartConfig;
+use crate::render::{SensorConfig, VehiclePartConfig};
 use crate::scene::{PartTexture, Pattern, TextureConfig};
 
 /// What a set is to show; the names of the command line.
@@ -33,6 +33,8 @@ pub enum SetKind {
     Imperfect,
     /// Bricks without any difference but a few stains
     IdenticalBricks,
+    /// Brick with exposures and white balances that drift and jump
+    ExposureDrift,
 }
 
 /// How a set is made.
@@ -54,6 +56,9 @@ pub(super) struct Recipe {
     /// The vehicle stands still for a whole turn, then moves.
     pub(super) stands: bool,
     pub(super) scatter: Scatter,
+    pub(super) sensor: SensorConfig,
+    /// Exposure and white balance drift from photo to photo ([`super::exposure`]).
+    pub(super) drifts: bool,
 }
 
 /// How far true poses stray from the plan, one standard deviation.
@@ -90,6 +95,8 @@ impl SetKind {
             advance_m: 0.1,
             stands: false,
             scatter: FLOWN,
+            sensor: SensorConfig::default(),
+            drifts: false,
         };
         let underpass = Recipe {
             nominal: UNDERPASS,
@@ -111,6 +118,11 @@ impl SetKind {
             Self::Cylindrical => Recipe { photos: 170, advance_m: 1.0, stands: true, ..underpass },
             Self::Trolley => Recipe { photos: 230, advance_m: 22.0 / 230.0, ..underpass },
             Self::Long => Recipe { photos: 2300, advance_m: 22.0 / 230.0, ..underpass },
+            Self::ExposureDrift => Recipe {
+                sensor: SensorConfig { auto_exposure: 1.0, vignetting: 0.5, ..SensorConfig::default() },
+                drifts: true,
+                ..circle(Pattern::Brick)
+            },
             Self::Imperfect => {
                 Recipe { built: ProfileSpec::Circle { radius_m: 3.03 }, imperfect: true, ..circle(Pattern::Brick) }
             }

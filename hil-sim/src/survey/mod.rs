@@ -4,6 +4,7 @@
 //! comparison asks for. Wall, paint, photos and range sensors are those of the flights. Every number is a function of
 //! kind, seed and number of photos.
 
+mod exposure;
 mod kind;
 mod path;
 mod tags;
@@ -22,7 +23,7 @@ use serde::Serialize;
 pub use kind::SetKind;
 
 use crate::render::card::{CardPlace, encode_photo, write_file, write_mask};
-use crate::render::truth::{TextureGeometry, write_poses, write_texture};
+use crate::render::truth::{TextureGeometry, write_exposures, write_poses, write_texture};
 use crate::render::{ExifTime, PhotoRenderer, RenderConfig, RenderError, Shot};
 use crate::scene::paint::LiningPaint;
 use crate::scene::{BulgeConfig, PipeConfig, Wall, WallConfig, WallError};
@@ -104,6 +105,8 @@ struct Set {
     wall: Wall,
     paint: Arc<LiningPaint>,
     captures: Vec<Capture>,
+    /// Factors on each photo's gains.
+    gain_factors: Vec<[f64; 3]>,
     figures: SetFigures,
 }
 
@@ -161,9 +164,15 @@ impl Set {
             mount_rotvec_deg,
             odometer_scale_error: tags::odometer_scale(seed),
             wall: wall_config,
-            render: RenderConfig { vehicle_parts: recipe.vehicle_parts, ..RenderConfig::default() },
+            render: RenderConfig {
+                vehicle_parts: recipe.vehicle_parts,
+                sensor: recipe.sensor,
+                ..RenderConfig::default()
+            },
         };
-        Ok(Self { survey, wall, paint, captures, figures })
+        let gain_factors =
+            if recipe.drifts { exposure::drift(captures.len(), seed) } else { vec![[1.0; 3]; captures.len()] };
+        Ok(Self { survey, wall, paint, captures, gain_factors, figures })
     }
 
     fn tags_csv(&self, places: &[CardPlace], seed: u64) -> String {
@@ -183,16 +192,21 @@ impl Set {
         let render = &self.figures.render;
         let wall = Arc::new(self.wall.clone());
         let renderer = PhotoRenderer::new(self.survey.camera.camera, 0.0, wall, self.paint.clone(), render, seed)?;
-        places.par_iter().zip(&self.captures).enumerate().try_for_each(|(index, (place, capture))| {
-            let shot = Shot::still(index as u32, capture.tunnel_from_cam, capture.tunnel_from_body);
+        let shots = places.par_iter().zip(&self.captures).zip(&self.gain_factors).enumerate();
+        let gains = shots.map(|(index, ((place, capture), &gain_factors))| {
+            let still = Shot::still(index as u32, capture.tunnel_from_cam, capture.tunnel_from_body);
+            let shot = Shot { gain_factors, ..still };
             let photo = renderer.render(&shot);
             let taken = ExifTime(FIRST_PHOTO + index as i64);
             let bytes = encode_photo(&photo.image, render.jpeg_quality, render.sensor.exposure_s, taken)?;
             write_file(&out.join("photos").join(&place.name), &bytes)?;
             write_mask(&out.join("masks"), place, &photo)?;
             after_each(places.len());
-            Ok(())
-        })
+            Ok(photo.gains)
+        });
+        let gains = gains.collect::<Result<Vec<_>, RenderError>>()?;
+        let photos = places.iter().map(|place| place.name.as_str()).zip(gains);
+        write_exposures(&out.join("truth/exposure.csv"), photos)
     }
 }
 
