@@ -135,6 +135,9 @@ impl Run<'_> {
         if self.ends_with(Stage::Prior) {
             return Ok(());
         }
+        if self.options.solve.start == Start::TagsOnly {
+            return self.picture_tags_only(survey, &solver.tags_only(&prior), key);
+        }
         let key = key.then("coarse", &self.options.solve)?;
         let coarse =
             self.stage(Stage::Coarse, key, photos, &[], |progress| solver.coarse(&prior, progress), say_coarse)?;
@@ -159,6 +162,16 @@ impl Run<'_> {
             return Ok(());
         }
         self.picture_stages(survey, &adjusted.reconstruction, key)
+    }
+
+    /// Everything after the prior poses where photos are not matched.
+    fn picture_tags_only(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<()> {
+        self.summary.warnings.push(Warning::TagsOnly);
+        self.write_poses(&reconstruction.poses)?;
+        if self.options.stop_after.is_some_and(|stage| stage < Stage::Texture) {
+            return Ok(());
+        }
+        self.picture_stages(survey, reconstruction, key)
     }
 
     fn picture_stages(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<()> {

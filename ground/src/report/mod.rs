@@ -15,7 +15,7 @@ pub use figures::PoseFigures;
 use crate::pipeline::{StageReport, Warning};
 use crate::poses::Reconstruction;
 use crate::survey::{Loss, Survey};
-use crate::texture::TextureReport;
+use crate::texture::{PhotoGain, Seams, TextureReport};
 
 /// Longest side of the report's pictures.
 const PICTURE_PX: usize = 1600;
@@ -78,9 +78,32 @@ struct Report<'a> {
     stages: &'a [StageReport],
     coverage: &'a crate::texture::Coverage,
     native_mm_per_px: f64,
+    texture: TextureFigures<'a>,
     warnings: Vec<Told<'a>>,
     losses: &'a [Loss],
     photo_quality: Vec<PhotoFigures<'a>>,
+}
+
+/// Exposures and seams.
+#[derive(Serialize)]
+struct TextureFigures<'a> {
+    seams: Seams,
+    tone_rms_before: f64,
+    tone_rms_after: f64,
+    corner_brightness: f64,
+    gains: &'a [PhotoGain],
+}
+
+impl<'a> TextureFigures<'a> {
+    fn new(texture: &'a TextureReport) -> Self {
+        Self {
+            seams: texture.seams,
+            tone_rms_before: texture.tone_rms_before,
+            tone_rms_after: texture.tone_rms_after,
+            corner_brightness: texture.corner_brightness,
+            gains: &texture.gains,
+        }
+    }
 }
 
 /// A warning with its words.
@@ -105,6 +128,7 @@ pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
         stages: input.stages,
         coverage: &input.texture.coverage,
         native_mm_per_px: input.texture.native_mm_per_px,
+        texture: TextureFigures::new(input.texture),
         warnings: input.warnings.iter().map(|warning| Told { message: warning.to_string(), warning }).collect(),
         losses: input.losses,
         photo_quality: input.reconstruction.poses.iter().map(PhotoFigures::new).collect(),
