@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::sample::Mips;
-use super::scout::Candidate;
-use crate::survey::{Loss, Size};
+use crate::survey::Size;
 
 /// Photos handled at the same time at most, however small they are.
 const MOST_AT_ONCE: usize = 64;
@@ -77,11 +76,6 @@ impl Cache {
             keep
         });
     }
-}
-
-/// Decodes a photo unless it is given.
-pub(super) fn whole_photo(given: Option<Mips>, candidate: &Candidate) -> Result<Mips, Loss> {
-    given.map_or_else(|| candidate.mips(), Ok)
 }
 
 #[cfg(test)]

@@ -251,7 +251,7 @@ impl Labelling {
             .into_par_iter()
             .map(|row| RowAlternatives::new(layers, row, columns))
             .collect();
-        let settled = before.map_or(&[][..], |before| before.from_row(row0));
+        let settled = before.map_or(&[][..], |before| before.since_row(row0));
         let settled_rows = settled.len() / columns;
         let mut lattice = Lattice { columns, options, chosen: vec![NO_CHOICE; columns * band.mid_rows()] };
         for at in 0..lattice.chosen.len() {
@@ -273,7 +273,7 @@ impl Labelling {
     }
 
     /// Cells from a row on, if they begin in this choice.
-    fn from_row(&self, row: usize) -> &[u32] {
+    fn since_row(&self, row: usize) -> &[u32] {
         let start = row.checked_sub(self.band.mid_row0()).map(|rows| rows * self.band.mid_columns());
         start.and_then(|start| self.photos.get(start..)).unwrap_or(&[])
     }

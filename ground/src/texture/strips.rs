@@ -9,7 +9,7 @@ use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
 use super::blend::{Band, HALO_CELLS, Shares, blend};
-use super::cache::{Cache, photos_at_once, whole_photo};
+use super::cache::{Cache, photos_at_once};
 use super::error::TextureError;
 use super::fine::{FineSource, TexelRows, add_detail, finish};
 use super::grid::{Lattice, MID_PER_COARSE, PanoramaGrid, wall_at};
@@ -254,7 +254,7 @@ impl Pass<'_> {
                 .filter_map(|(index, mips)| {
                     let active = active.get(&index)?.as_ref()?;
                     let candidate = &job.candidates[index];
-                    let layer = whole_photo(mips, candidate).map(|mips| {
+                    let layer = mips.map_or_else(|| candidate.mips(), Ok).map(|mips| {
                         let source = LayerSource {
                             view: &candidate.view,
                             usable: &active.usable,
@@ -294,13 +294,11 @@ fn crops(
 ) -> Vec<Option<Arc<Mips>>> {
     let found: Vec<(usize, bool, Result<Arc<Mips>, Loss>)> = photos
         .par_iter()
-        .map(|(index, useful)| match cache.crop(*index) {
-            Some(crop) => (*index, false, Ok(crop)),
-            None => {
-                let [from_px, to_px] = useful.crop_px;
-                let crop = job.candidates[*index].mips().map(|mips| Arc::new(mips.cropped(from_px, to_px)));
-                (*index, true, crop)
-            }
+        .map(|(index, useful)| {
+            let kept = cache.crop(*index);
+            let (decoded, [from_px, to_px]) = (kept.is_none(), useful.crop_px);
+            let decode = || job.candidates[*index].mips().map(|mips| Arc::new(mips.cropped(from_px, to_px)));
+            (*index, decoded, kept.map_or_else(decode, Ok))
         })
         .collect();
     let mut crops = Vec::with_capacity(found.len());
