@@ -2,9 +2,12 @@
 //!
 //! Two passes over the photos. The first measures what each photo shows of the wall (quality = photo pixels per metre
 //! in the worse direction, lowered towards the border) and samples its colours, from which exposure and vignetting are
-//! solved together. The second makes the panorama in strips: per texel the best photo gives the detail, all good
-//! photos together give the brightness (`blend`). Memory holds a strip and the photos around it, whatever the
-//! tunnel's length; each photo is decoded twice as long as the photos around a strip fit into the cache.
+//! solved together (`tone`). The second makes the panorama in strips: per texel one of the best photos gives the detail, with
+//! seams where photos differ least (`seams`), and all good photos together give the brightness (`blend`).
+//!
+//! Memory holds a strip and, of the photos around it, what seams may use, whatever the tunnel's length. Peak of the whole program
+//! with `--match none` on two threads: 40 photos of 12 megapixels 1.16 GiB, 1,000 photos of 400 x 300 pixels 0.54 GiB
+//! (95 m). A photo is decoded twice, or once while all decoded photos fit into the cache; more often where the crops do not.
 
 mod blend;
 mod cache;
