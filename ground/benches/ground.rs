@@ -10,6 +10,7 @@ mod adjustment;
 use adit_ground::adjust::{Covariances, adjust};
 use adit_ground::features::{OrbOptions, Orientation, SiftOptions, nearest, orb, sift};
 use adit_ground::matching::{MatchConfig, match_round};
+use adit_ground::surface::{self, SurfaceOptions};
 use adit_ground::survey::{Size, decode_rgb};
 use adit_ground::texture::{self, TextureOptions};
 use divan::Bencher;
@@ -82,16 +83,17 @@ fn one_adjust_iteration(bencher: Bencher<'_, '_>, photos: usize) {
     });
 }
 
-/// A whole adjustment from poses that are 2 cm and half a degree off, all stages of the robust loss included.
-#[divan::bench(args = [50, 230], sample_count = 3)]
+/// A whole adjustment from poses that are 2 cm and half a degree off, all stages of the robust loss included; ten times the photos
+/// should take ten times the time, iterations included.
+#[divan::bench(args = [50, 230, 2300], sample_count = 3)]
 fn whole_adjustment(bencher: Bencher<'_, '_>, photos: usize) {
     let scene = adjustment::Scene::new(photos, 1.0);
     let problem = scene.problem();
     bencher.bench(|| adjust(&problem, &adjustment::WEIGHTS).expect("the priors make the system definite"));
 }
 
-/// The covariance of every pose.
-#[divan::bench(args = [50, 230], sample_count = 3)]
+/// The covariance of every pose, linear too.
+#[divan::bench(args = [50, 230, 2300], sample_count = 3)]
 fn pose_covariances(bencher: Bencher<'_, '_>, photos: usize) {
     let scene = adjustment::Scene::new(photos, 0.0);
     let problem = scene.problem();
@@ -118,11 +120,23 @@ fn texture_of_twelve_photos(bencher: Bencher<'_, '_>, (mm_per_px, items): (f64, 
     let Some((survey, reconstruction)) = textured::load_textured("cylinder-brick-spiral", 12) else { return };
     let out = tempfile::tempdir().expect("a folder");
     let options = TextureOptions { mm_per_px: Some(mm_per_px), ..TextureOptions::default() };
-    let build = || texture::build(&survey, &reconstruction, &options, out.path(), &|_| ()).expect("a panorama");
+    let flat = textured::flat(&reconstruction);
+    let build = || texture::build(&survey, &reconstruction, &flat, &options, out.path(), &|_| ()).expect("a panorama");
     let (grid, camera) = (build().grid, survey.config.camera.camera);
     let count = match items {
         "texels" => grid.width_px * grid.height_px,
         _ => survey.photos.len() * camera.width_px as usize * camera.height_px as usize,
     };
     bencher.counter(ItemsCount::new(count)).bench(build);
+}
+
+/// The plane sweep over what twelve photos see, decoding and files included; items are cells.
+#[divan::bench(sample_count = 3)]
+fn surface_cells(bencher: Bencher<'_, '_>) {
+    let Some((survey, reconstruction)) = textured::load_textured("cylinder-brick-spiral", 12) else { return };
+    let out = tempfile::tempdir().expect("a folder");
+    let options = SurfaceOptions::default();
+    let build = || surface::build(&survey, &reconstruction, &options, out.path(), &|_, _| ()).expect("a surface");
+    let [around, along] = build().cells;
+    bencher.counter(ItemsCount::new(around * along)).bench(build);
 }

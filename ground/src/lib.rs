@@ -2,7 +2,7 @@
 //! poses, a panorama, a textured model and a report.
 //!
 //! Stages after the flight, each with its own module, its own typed output on disk and its own part of the report:
-//! ingest -> prior -> matching -> adjust -> texture -> model -> report.
+//! ingest -> prior -> matching -> adjust -> surface -> texture -> model -> report.
 #![forbid(unsafe_code)]
 
 pub mod ablation;
@@ -22,6 +22,7 @@ pub mod poses;
 pub mod prior;
 pub mod raster;
 pub mod report;
+pub mod surface;
 pub mod survey;
 pub mod texture;
 pub mod two_view;

@@ -14,6 +14,9 @@ use tracing_subscriber::EnvFilter;
 
 use commands::{Answer, Cli};
 
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() -> ExitCode {
     let cli = Cli::parse();
     match run(cli) {

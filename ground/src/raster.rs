@@ -13,6 +13,8 @@ pub struct Raster<S, const CHANNELS: usize> {
 
 /// Grey image, 0..=255 as floating point.
 pub type Grey = Raster<f32, 1>;
+/// 8-bit grey image.
+pub type Luma = Raster<u8, 1>;
 /// 8-bit RGB image.
 pub type Rgb8 = Raster<u8, 3>;
 /// Mask: 0 = ignore, 255 = use.

@@ -7,12 +7,14 @@ mod support;
 #[path = "support/textured.rs"]
 mod textured;
 
-use std::fs;
+use std::fs::{self, File};
 use std::path::Path;
 
 use adit_ground::model::{self, ModelOptions};
+use adit_ground::surface::{self, SurfaceOptions};
 use adit_ground::texture::{self, PanoramaGrid, PixelBox, TextureError, TextureOptions, TextureReport, TileReader};
-use textured::load_textured;
+use textured::{flat, load_textured};
+use tiff::decoder::{Decoder, DecodingResult};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 
@@ -82,7 +84,8 @@ fn panorama(out: &Path, report: &TextureReport) -> Vec<Option<f64>> {
 fn the_panorama_of_an_underpass_lies_where_the_wall_was_painted() {
     let Some((survey, reconstruction)) = load_textured("underpass-spiral", 50) else { return };
     let out = tempfile::tempdir().unwrap();
-    let report = texture::build(&survey, &reconstruction, &options(), out.path(), &|_| ()).unwrap();
+    let report =
+        texture::build(&survey, &reconstruction, &flat(&reconstruction), &options(), out.path(), &|_| ()).unwrap();
     assert!(report.losses.is_empty(), "{:?}", report.losses);
     assert!(report.coloured_area_m2 > 0.99 * report.coverage.seen_area_m2, "{report:?}");
     assert!(report.coverage.seen_share[0] > 0.999);
@@ -97,7 +100,7 @@ fn the_panorama_of_an_underpass_lies_where_the_wall_was_painted() {
         assert!(there < here, "shifted by {shift:?} texels: {there}, not shifted: {here}");
     }
 
-    let made = model::write(&reconstruction, &report.grid, &ModelOptions::default(), out.path()).unwrap();
+    let made = model::write(&flat(&reconstruction), &report.grid, &ModelOptions::default(), out.path()).unwrap();
     assert!(made.points > 10_000 && made.chunks > 0);
     let sheets: Vec<&str> = report.sheets.iter().map(|sheet| sheet.part.as_str()).collect();
     assert_eq!(sheets, ["right-wall", "floor", "left-wall"]);
@@ -115,7 +118,8 @@ fn a_damaged_photo_is_named_and_the_others_are_used() {
     let torn = out.path().join("torn.jpg");
     fs::write(&torn, &bytes[..bytes.len() / 2]).unwrap();
     survey.photos[2].path = torn;
-    let report = texture::build(&survey, &reconstruction, &options(), out.path(), &|_| ()).unwrap();
+    let report =
+        texture::build(&survey, &reconstruction, &flat(&reconstruction), &options(), out.path(), &|_| ()).unwrap();
     assert_eq!(report.photos_used, 5);
     assert_eq!(report.losses.len(), 1);
     assert_eq!(report.losses[0].what, survey.photos[2].name);
@@ -128,7 +132,7 @@ fn a_small_cache_gives_the_same_panorama() {
     let build = |name: &str, cache_bytes: usize| {
         let out = out.path().join(name);
         let options = TextureOptions { cache_bytes, ..options() };
-        let report = texture::build(&survey, &reconstruction, &options, &out, &|_| ()).unwrap();
+        let report = texture::build(&survey, &reconstruction, &flat(&reconstruction), &options, &out, &|_| ()).unwrap();
         fs::read(out.join("panorama").join(report.picture.unwrap())).unwrap()
     };
     assert!(build("large", usize::MAX) == build("small", 1));
@@ -140,11 +144,14 @@ fn what_cannot_be_written_or_makes_no_sense_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
     fs::write(&file, "").unwrap();
-    let error = texture::build(&survey, &reconstruction, &options(), &file.join("out"), &|_| ()).unwrap_err();
+    let error =
+        texture::build(&survey, &reconstruction, &flat(&reconstruction), &options(), &file.join("out"), &|_| ())
+            .unwrap_err();
     assert!(error.to_string().contains("file/out"), "{error}");
 
     let fine = TextureOptions { mm_per_px: Some(0.001), ..TextureOptions::default() };
-    let error = texture::build(&survey, &reconstruction, &fine, folder.path(), &|_| ()).unwrap_err();
+    let error =
+        texture::build(&survey, &reconstruction, &flat(&reconstruction), &fine, folder.path(), &|_| ()).unwrap_err();
     assert!(matches!(error, TextureError::Resolution { .. }), "{error}");
 }
 
@@ -162,7 +169,8 @@ fn straight_lines_on_the_wall_are_straight_on_the_sheets() {
     let folder = tempfile::tempdir().unwrap();
     let (survey, reconstruction) = painted::painted(folder.path(), false);
     let fine = TextureOptions { mm_per_px: Some(5.0), ..TextureOptions::default() };
-    let report = texture::build(&survey, &reconstruction, &fine, folder.path(), &|_| ()).unwrap();
+    let report =
+        texture::build(&survey, &reconstruction, &flat(&reconstruction), &fine, folder.path(), &|_| ()).unwrap();
     assert_eq!(report.sheets.len(), 4);
     let grid = report.grid;
     for (part, line_m) in painted::LINES {
@@ -196,7 +204,8 @@ fn straight_lines_on_the_wall_are_straight_on_the_sheets() {
 fn what_every_mask_hides_stays_transparent_and_is_listed() {
     let folder = tempfile::tempdir().unwrap();
     let (survey, reconstruction) = painted::painted(folder.path(), true);
-    let report = texture::build(&survey, &reconstruction, &options(), folder.path(), &|_| ()).unwrap();
+    let report =
+        texture::build(&survey, &reconstruction, &flat(&reconstruction), &options(), folder.path(), &|_| ()).unwrap();
     let found = panorama(folder.path(), &report);
     let at = |s_m: f64, x_m: f64| {
         let texel_m = report.grid.texel_m();
@@ -218,4 +227,21 @@ fn what_every_mask_hides_stays_transparent_and_is_listed() {
     assert!((hole.x_from_m - x_from_m).abs() < 0.15 && (hole.x_to_m - x_to_m).abs() < 0.15, "{hole:?}");
     // The floor's middle is at 7 m of 14 m, six o'clock.
     assert!(hole.clock_from < 6.0 && hole.clock_to > 6.0 && hole.clock_to - hole.clock_from < 1.5, "{hole:?}");
+}
+
+#[test]
+fn a_wall_that_is_its_section_is_measured_flat() {
+    let Some((survey, reconstruction)) = load_textured("underpass-spiral", 24) else { return };
+    let out = tempfile::tempdir().unwrap();
+    let report = surface::build(&survey, &reconstruction, &SurfaceOptions::default(), out.path(), &|_, _| ()).unwrap();
+    assert!(report.losses.is_empty() && report.rings.is_empty(), "{report:?}");
+    let mut decoder = Decoder::new(File::open(out.path().join("relief.tif")).unwrap()).unwrap();
+    let [columns, rows] = report.cells;
+    assert_eq!(decoder.dimensions().unwrap(), (columns as u32, rows as u32));
+    let DecodingResult::F32(heights) = decoder.read_image().unwrap() else { panic!("not single precision") };
+    let mut sizes_m: Vec<f32> = heights.iter().filter(|height| height.is_finite()).map(|h| h.abs()).collect();
+    sizes_m.sort_by(f32::total_cmp);
+    let known_m2 = sizes_m.len() as f64 * (report.cell_mm * 1e-3).powi(2);
+    assert!((known_m2 - report.known_area_m2).abs() < 0.01 && known_m2 > 25.0, "{known_m2} {report:?}");
+    assert!(sizes_m[sizes_m.len() / 2] < 0.0015 && sizes_m[sizes_m.len() * 95 / 100] < 0.006, "{report:?}");
 }

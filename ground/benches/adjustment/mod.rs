@@ -4,11 +4,13 @@ use adit_geometry::camera::{Camera, Distortion};
 use adit_geometry::profile::{Profile, ProfileSpec};
 use adit_geometry::rig::{ImageUp, Rig};
 use adit_ground::adjust::{Loss, Observation, Problem, Shared, SharedSigmas, Tracks, Weights, adjust};
-use adit_ground::prior::{TagPrior, prior_poses};
+use adit_ground::prior::{PriorModel, TagPrior, prior_views};
 use adit_protocol::mission::Sigma;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 pub(crate) const WEIGHTS: Weights = Weights { pixel_px: 0.1, loss: Loss::GemanMcClure(3.0), surface_m: 0.05 };
+const SIGMA: Sigma =
+    Sigma { shaft_rad: 0.017, range_m: 0.02, odometer_m_per_m: 0.02, attitude_rad: 0.026, mount_rad: 0.017 };
 const STEP_M: f64 = 0.1;
 const POINTS_PER_PHOTO: usize = 150;
 /// A point is looked for in photos at most so far away along the axis: about seven photos see it.
@@ -52,7 +54,9 @@ impl Scene {
                 rotation_sigma_rad: [0.031, 0.026, 0.026],
             })
             .collect();
-        let poses = prior_poses(&tags, &rig, &profile, 0.02);
+        let model =
+            PriorModel { rig: &rig, profile: &profile, sigma: &SIGMA, odometer_factor: 1.0, unknown_step_m: 0.0 };
+        let poses = prior_views(&tags, &model).into_iter().map(|view| view.tunnel_from_cam).collect();
         let shared = Shared::nominal(&camera, &rig);
         let mut scene = Self { camera, profile, rig, tags, poses, tracks: Tracks::default(), shared };
         scene.add_wall_points();
@@ -100,18 +104,16 @@ impl Scene {
     }
 
     pub(crate) fn problem(&self) -> Problem<'_> {
-        let sigma =
-            Sigma { shaft_rad: 0.017, range_m: 0.02, odometer_m_per_m: 0.02, attitude_rad: 0.026, mount_rad: 0.017 };
         Problem {
             camera: &self.camera,
             profile: &self.profile,
             rig: &self.rig,
-            sigma,
+            sigma: SIGMA,
             tags: &self.tags,
             poses: &self.poses,
             tracks: &self.tracks,
             shared: self.shared,
-            shared_sigmas: SharedSigmas::of_tags(&sigma),
+            shared_sigmas: SharedSigmas::of_tags(&SIGMA),
             readout_s: 0.0,
         }
     }

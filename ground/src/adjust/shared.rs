@@ -1,5 +1,7 @@
 //! Unknowns that all photos share.
 
+use std::slice::from_mut;
+
 use adit_geometry::camera::{Camera, Distortion};
 use adit_geometry::rig::Rig;
 use adit_protocol::mission::Sigma;
@@ -55,53 +57,51 @@ impl Shared {
         }
     }
 
-    pub(super) fn values(&self) -> [f64; PARAMETERS] {
-        let Self { mount_rotvec: m, lever_m: l, shaft_periodic_rad: p, camera, .. } = self;
-        let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.centre_px);
-        let [a, b, c, d, e] = coefficients(&camera.distortion);
-        let (bias, scale, size, shutter) =
-            (self.shaft_bias_rad, self.odometer_scale, self.profile_size, self.shutter_rad_per_s);
-        [m.x, m.y, m.z, scale, bias, p[0], p[1], l[0], l[1], size, shutter, fx, fy, cx, cy, a, b, c, d, e]
+    pub(super) fn values(mut self) -> [f64; PARAMETERS] {
+        gathered(self.parts())
     }
 
     /// The same camera model with other values.
-    pub(super) fn with_values(&self, values: &[f64; PARAMETERS]) -> Self {
-        let [
-            mx,
-            my,
-            mz,
-            odometer_scale,
-            shaft_bias_rad,
-            sin,
-            cos,
-            radial,
-            forward,
-            profile_size,
-            shutter_rad_per_s,
-            ..,
-        ] = *values;
-        let [.., fx, fy, cx, cy, a, b, c, d, e] = *values;
-        let distortion = match self.camera.distortion {
-            Distortion::BrownConrady(_) => Distortion::BrownConrady([a, b, c, d, e]),
-            Distortion::KannalaBrandt(_) => Distortion::KannalaBrandt([a, b, c, d]),
+    pub(super) fn with_values(mut self, values: &[f64; PARAMETERS]) -> Self {
+        scatter(values, self.parts());
+        self
+    }
+
+    fn parts(&mut self) -> Parts<'_> {
+        let Camera { focal_px, centre_px, distortion, .. } = &mut self.camera;
+        let distortion: &mut [f64] = match distortion {
+            Distortion::BrownConrady(coefficients) => coefficients,
+            Distortion::KannalaBrandt(coefficients) => coefficients,
         };
-        Self {
-            mount_rotvec: Vector3::new(mx, my, mz),
-            odometer_scale,
-            shaft_bias_rad,
-            shaft_periodic_rad: [sin, cos],
-            lever_m: [radial, forward],
-            profile_size,
-            shutter_rad_per_s,
-            camera: Camera { focal_px: [fx, fy], centre_px: [cx, cy], distortion, ..self.camera },
-        }
+        [
+            self.mount_rotvec.as_mut_slice(),
+            from_mut(&mut self.odometer_scale),
+            from_mut(&mut self.shaft_bias_rad),
+            &mut self.shaft_periodic_rad,
+            &mut self.lever_m,
+            from_mut(&mut self.profile_size),
+            from_mut(&mut self.shutter_rad_per_s),
+            focal_px,
+            centre_px,
+            distortion,
+        ]
     }
 }
 
-fn coefficients(distortion: &Distortion<f64>) -> [f64; 5] {
-    match *distortion {
-        Distortion::BrownConrady(k) => k,
-        Distortion::KannalaBrandt([a, b, c, d]) => [a, b, c, d, 0.0],
+/// All parameters in the order of the flat form. The last, the lens's coefficients, may be fewer than there is room for.
+type Parts<'a> = [&'a mut [f64]; 10];
+
+fn gathered(parts: Parts<'_>) -> [f64; PARAMETERS] {
+    let mut values = [0.0; PARAMETERS];
+    for (value, part) in values.iter_mut().zip(parts.into_iter().flatten()) {
+        *value = *part;
+    }
+    values
+}
+
+fn scatter(values: &[f64; PARAMETERS], parts: Parts<'_>) {
+    for (value, part) in values.iter().zip(parts.into_iter().flatten()) {
+        *part = *value;
     }
 }
 
@@ -136,42 +136,29 @@ impl SharedSigmas {
         Self { mount_rad: [sigma.mount_rad; 3], odometer_scale: sigma.odometer_m_per_m, ..Self::default() }
     }
 
-    pub(super) fn values(&self) -> [f64; PARAMETERS] {
-        let Self { mount_rad: [mx, my, mz], lever_m: l, shaft_periodic_rad: p, .. } = *self;
-        let ([fx, fy], [cx, cy], [a, b, c, d, e]) = (self.focal_px, self.centre_px, self.distortion);
-        let (bias, scale, size, shutter) =
-            (self.shaft_bias_rad, self.odometer_scale, self.profile_size, self.shutter_rad_per_s);
-        [mx, my, mz, scale, bias, p[0], p[1], l[0], l[1], size, shutter, fx, fy, cx, cy, a, b, c, d, e]
+    pub(super) fn values(mut self) -> [f64; PARAMETERS] {
+        gathered(self.parts())
     }
 
     pub(super) fn from_values(values: &[f64; PARAMETERS]) -> Self {
-        let [
-            mx,
-            my,
-            mz,
-            odometer_scale,
-            shaft_bias_rad,
-            sin,
-            cos,
-            radial,
-            forward,
-            profile_size,
-            shutter_rad_per_s,
-            ..,
-        ] = *values;
-        let [.., fx, fy, cx, cy, a, b, c, d, e] = *values;
-        Self {
-            mount_rad: [mx, my, mz],
-            odometer_scale,
-            shaft_bias_rad,
-            shaft_periodic_rad: [sin, cos],
-            lever_m: [radial, forward],
-            profile_size,
-            shutter_rad_per_s,
-            focal_px: [fx, fy],
-            centre_px: [cx, cy],
-            distortion: [a, b, c, d, e],
-        }
+        let mut sigmas = Self::default();
+        scatter(values, sigmas.parts());
+        sigmas
+    }
+
+    fn parts(&mut self) -> Parts<'_> {
+        [
+            &mut self.mount_rad,
+            from_mut(&mut self.odometer_scale),
+            from_mut(&mut self.shaft_bias_rad),
+            &mut self.shaft_periodic_rad,
+            &mut self.lever_m,
+            from_mut(&mut self.profile_size),
+            from_mut(&mut self.shutter_rad_per_s),
+            &mut self.focal_px,
+            &mut self.centre_px,
+            &mut self.distortion,
+        ]
     }
 }
 

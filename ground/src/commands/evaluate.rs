@@ -18,6 +18,9 @@ use super::{Answer, Common, print};
 /// If there is a panorama and SURVEY/truth/texture.jpg, patches of 1 m are looked for in it, and the shift is given in
 /// millimetres on the wall; and it is counted how much of what a photo saw is coloured.
 ///
+/// If there is OUT/surface and SURVEY/truth/relief.f32, heights of the wall over the section are compared where two or more
+/// photos saw it: as they are, and after the rigid motion that lays our photos onto the true ones.
+///
 /// The answer is no (exit code 1) if a photo of the truth has no adjusted pose, or if a limit given is exceeded.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  adit evaluate demo/survey\n  \

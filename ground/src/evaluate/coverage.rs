@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::poses::file_name;
-use super::wall_image::WallImage;
+use super::wall_image::{WallGrid, WallImage};
 use crate::poses::PhotoPose;
 use crate::raster::Mask;
 use crate::survey::{MaskError, Photo, Size, Survey, load_mask};
@@ -36,15 +36,9 @@ pub(super) fn measure_coverage(
     truth: &[PhotoPose],
     panorama: &WallImage,
 ) -> Result<CoverageEvaluation, MaskError> {
-    let cells = cells(profile, panorama);
-    let seen = truth
-        .par_iter()
-        .filter_map(|pose| {
-            let photo = photo_of(survey, &pose.photo)?;
-            Some(cells_seen(survey, profile, photo, &pose.tunnel_from_cam, &cells))
-        })
-        .try_reduce(|| vec![false; cells.len()], |a, b| Ok(a.into_iter().zip(b).map(|(a, b)| a || b).collect()))?;
-    let seen_cells: Vec<&Cell> = cells.iter().zip(&seen).filter(|(_, seen)| **seen).map(|(cell, _)| cell).collect();
+    let Seen { cells, photos, .. } = Seen::by(survey, profile, truth, &panorama.grid)?;
+    let seen_cells: Vec<&Cell> =
+        cells.iter().zip(&photos).filter(|(_, photos)| **photos > 0).map(|(cell, _)| cell).collect();
     let coloured = seen_cells.iter().filter(|cell| panorama.covers(cell.s_m, cell.point.x)).count();
     Ok(CoverageEvaluation {
         cells: cells.len(),
@@ -61,21 +55,71 @@ fn photo_of<'a>(survey: &'a Survey, name: &str) -> Option<&'a Photo> {
     whole.or_else(|| by_file.next().filter(|_| by_file.next().is_none()))
 }
 
+/// How many photos see each cell of the wall, by the true poses.
+pub(super) struct Seen {
+    cells: Vec<Cell>,
+    /// Per cell, column by column.
+    photos: Vec<u16>,
+    x0_m: f64,
+    along: usize,
+}
+
+impl Seen {
+    /// Counts over the stretch of `grid`.
+    pub(super) fn by(
+        survey: &Survey,
+        profile: &Profile<f64>,
+        truth: &[PhotoPose],
+        grid: &WallGrid,
+    ) -> Result<Self, MaskError> {
+        let along = (grid.height_px as f64 * grid.mm_per_px / 1000.0 / CELL_M) as usize;
+        let cells = cells(profile, grid.x0_m, along);
+        let photos = truth
+            .par_iter()
+            .filter_map(|pose| {
+                let photo = photo_of(survey, &pose.photo)?;
+                Some(cells_seen(survey, profile, photo, &pose.tunnel_from_cam, &cells))
+            })
+            .try_fold(
+                || vec![0_u16; cells.len()],
+                |mut counts, seen| {
+                    counts.iter_mut().zip(seen?).for_each(|(count, seen)| *count += u16::from(seen));
+                    Ok(counts)
+                },
+            )
+            .try_reduce(
+                || vec![0; cells.len()],
+                |mut a, b| {
+                    a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+                    Ok(a)
+                },
+            )?;
+        Ok(Self { cells, photos, x0_m: grid.x0_m, along })
+    }
+
+    /// Number of photos that see a place; 0 outside.
+    pub(super) fn photos_at(&self, s_m: f64, x_m: f64) -> u16 {
+        let (column, row) = ((s_m / CELL_M) as usize, (x_m - self.x0_m) / CELL_M);
+        if row < 0.0 || row >= self.along as f64 {
+            return 0;
+        }
+        self.photos.get(column * self.along + row as usize).copied().unwrap_or(0)
+    }
+}
+
 struct Cell {
     s_m: f64,
     point: Point3<f64>,
 }
 
-fn cells(profile: &Profile<f64>, panorama: &WallImage) -> Vec<Cell> {
-    let grid = &panorama.grid;
+fn cells(profile: &Profile<f64>, x0_m: f64, along: usize) -> Vec<Cell> {
     let around = (profile.perimeter_m() / CELL_M) as usize;
-    let along = (grid.height_px as f64 * grid.mm_per_px / 1000.0 / CELL_M) as usize;
     let mut cells = Vec::with_capacity(around * along);
     for column in 0..around {
         let s_m = (column as f64 + 0.5) * CELL_M;
         let Some(surface) = profile.at(s_m) else { continue };
         for row in 0..along {
-            let x_m = grid.x0_m + (row as f64 + 0.5) * CELL_M;
+            let x_m = x0_m + (row as f64 + 0.5) * CELL_M;
             cells.push(Cell { s_m, point: Point3::new(x_m, surface.point.x, surface.point.y) });
         }
     }

@@ -35,7 +35,7 @@ pub(super) fn drift_mm_per_m(pairs: &[(Isometry3<f64>, Isometry3<f64>)], scale: 
 }
 
 /// The mean of rotations that are near to each other: the normalised sum of their quaternions, signs made alike.
-fn mean_rotation(rotations: impl IntoIterator<Item = UnitQuaternion<f64>>) -> Option<UnitQuaternion<f64>> {
+pub(super) fn mean_rotation(rotations: impl IntoIterator<Item = UnitQuaternion<f64>>) -> Option<UnitQuaternion<f64>> {
     let mut sum: Option<Quaternion<f64>> = None;
     for rotation in rotations {
         let next = rotation.into_inner();

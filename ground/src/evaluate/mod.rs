@@ -4,6 +4,7 @@ mod align;
 mod coverage;
 mod drift;
 mod poses;
+mod relief;
 mod shift;
 mod table;
 mod wall_image;
@@ -17,11 +18,14 @@ use serde::Serialize;
 pub use coverage::CoverageEvaluation;
 pub(crate) use poses::compare_poses;
 pub use poses::{AlignedErrors, FrameErrors, PoseEvaluation, Spread};
+pub use relief::{HeightErrors, ReliefEvaluation, RingOvality};
 pub use shift::ShiftEvaluation;
 pub use wall_image::{WallGrid, WallImageError};
 
 use crate::poses::{PhotoPose, PosesError, read_poses};
+use crate::surface::{SurfaceError, SurfaceStore};
 use crate::survey::{MaskError, Survey, SurveyError, load};
+use relief::TrueRelief;
 use wall_image::WallImage;
 
 /// Why a reconstruction cannot be evaluated.
@@ -51,6 +55,9 @@ pub enum EvaluateError {
     /// A mask cannot be read.
     #[error(transparent)]
     Mask(#[from] MaskError),
+    /// The measured wall cannot be read.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
     /// The profile of survey.toml cannot be built.
     #[error("survey.toml, [tunnel]")]
     Profile(#[from] ProfileError),
@@ -69,6 +76,8 @@ pub struct Evaluation {
     pub panorama: Option<ShiftEvaluation>,
     /// Colour where a photo saw the wall; absent without a panorama.
     pub coverage: Option<CoverageEvaluation>,
+    /// The wall's height against truth/relief.f32; absent if either is.
+    pub relief: Option<ReliefEvaluation>,
     /// What could not be compared, and why.
     pub notes: Vec<String>,
 }
@@ -90,7 +99,8 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
     let mut notes = Vec::new();
     let survey = load(survey_folder)?;
     let truth = of_survey(read_poses(&truth_path)?, &survey, &mut notes);
-    let poses = poses::compare_poses(&read_poses(&poses_path)?, &truth);
+    let ours = read_poses(&poses_path)?;
+    let poses = poses::compare_poses(&ours, &truth);
     let panorama = WallImage::read(&out.join("panorama"), "panorama")?;
     let texture = WallImage::read(&truth_folder, "texture")?;
     if panorama.is_none() {
@@ -107,7 +117,34 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
         }
         None => None,
     };
-    Ok(Evaluation { survey: survey_folder.to_owned(), out: out.to_owned(), poses, panorama: shift, coverage, notes })
+    let relief = relief(&survey, &ours, &truth, out)?;
+    Ok(Evaluation {
+        survey: survey_folder.to_owned(),
+        out: out.to_owned(),
+        poses,
+        panorama: shift,
+        coverage,
+        relief,
+        notes,
+    })
+}
+
+/// The measured wall against the true one, where both are there.
+fn relief(
+    survey: &Survey,
+    ours: &[PhotoPose],
+    truth: &[PhotoPose],
+    out: &Path,
+) -> Result<Option<ReliefEvaluation>, EvaluateError> {
+    let measured = out.join("surface/surface.json").is_file();
+    let true_relief = TrueRelief::read(&survey.folder.join("truth"))?.filter(|_| measured);
+    let (Some(true_relief), Some(truth_from_ours)) = (true_relief, relief::truth_from_ours(ours, truth)) else {
+        return Ok(None);
+    };
+    let nominal = &survey.config.profile;
+    let seen = coverage::Seen::by(survey, &nominal.build()?, truth, &true_relief.grid)?;
+    let store = SurfaceStore::open(out)?;
+    Ok(relief::measure_relief(&store, nominal, &true_relief, &seen, &truth_from_ours)?)
 }
 
 /// The true poses of the survey's photos. A double shot has a truth too, but may be no photo of the survey.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Evaluation, FrameErrors, Spread};
+use super::{Evaluation, FrameErrors, HeightErrors, ReliefEvaluation, Spread};
 
 /// At most so many names of photos are listed.
 const LISTED: usize = 10;
@@ -52,6 +52,9 @@ impl fmt::Display for Evaluation {
                 coverage.coloured_percent, coverage.seen
             )?;
         }
+        if let Some(relief) = &self.relief {
+            table_of_relief(out, relief)?;
+        }
         for note in &self.notes {
             writeln!(out, "note: {note}")?;
         }
@@ -63,6 +66,30 @@ fn frame(out: &mut fmt::Formatter<'_>, label: &str, errors: &FrameErrors) -> fmt
     line(out, &format!("{label} position"), &errors.position_mm, "mm", 3)?;
     line(out, &format!("{label} rotation"), &errors.rotation_deg, "deg", 4)?;
     writeln!(out, "  worst photo       {}", errors.worst_photo)
+}
+
+fn table_of_relief(out: &mut fmt::Formatter<'_>, relief: &ReliefEvaluation) -> fmt::Result {
+    writeln!(
+        out,
+        "relief              {:.2} % known of {} places (25 mm) that two photos saw",
+        relief.known_percent, relief.places
+    )?;
+    writeln!(out, "{:<20}{:>10}{:>10}{:>10}{:>10}", "", "RMSE", "median", "95 %", "max")?;
+    let rows = [
+        ("  absolute", &relief.absolute_mm),
+        ("  aligned", &relief.aligned_mm),
+        ("  shape", &relief.shape_mm),
+        ("  filled too", &relief.filled_mm),
+        ("  true relief", &relief.true_relief_mm),
+    ];
+    for (label, HeightErrors { rmse, median, p95, max }) in rows {
+        writeln!(out, "{label:<20}{rmse:>10.2}{median:>10.2}{p95:>10.2}{max:>10.2} mm")?;
+    }
+    writeln!(out, "{:<20}{:>+10.2} mm of height, from the section's size", "  constant", relief.constant_mm)?;
+    if let Some(percent) = relief.ovality_error_percent {
+        writeln!(out, "{:<20}{percent:>10.3} % at most in {} rings", "  ovality error", relief.rings.len())?;
+    }
+    Ok(())
 }
 
 fn line(out: &mut fmt::Formatter<'_>, label: &str, spread: &Spread, unit: &str, decimals: usize) -> fmt::Result {

@@ -1,15 +1,19 @@
 //! Filters over masked grids: Gaussian and box sums, band-pass, local contrast. All linear in the number of texels.
 //!
-//! The wide Gaussians work on averages of [`DECIMATION`] x [`DECIMATION`] texels: they are smooth at that scale, and it
-//! makes them sixteen times cheaper. Windows start at whole blocks of the wall grid, so every photo averages alike.
+//! What varies slowly is worked out on averages of [`DECIMATION`] x [`DECIMATION`] texels, sixteen times cheaper: the wide
+//! Gaussians, and every sum over a template's or a corner's box. Windows start at whole blocks of the wall grid, so every
+//! photo averages alike. What must be done to every texel goes row by row, in vectors, through memory as seldom as possible.
 
 use pulp::Arch;
 
-/// Texels averaged before a wide Gaussian, per axis.
+/// Texels averaged before a wide Gaussian or a box sum, per axis.
 pub(super) const DECIMATION: usize = 4;
 
 /// Contrast (of the logarithm) below which the wall counts as featureless; about the noise of a dark photo.
 const CONTRAST_FLOOR: f32 = 0.01;
+
+/// Columns of a Gaussian that are summed in registers.
+const STRIP: usize = 32;
 
 /// A row-major grid of values.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,38 +37,47 @@ impl Plane {
     }
 }
 
-/// Band-pass and local contrast normalisation in place; NaN marks unseen texels, which become 0.
-///
-/// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)`; every Gaussian over the seen
-/// texels only. Returns which texels were seen (1 or 0). Width and height are multiples of [`DECIMATION`].
-pub(super) fn normalise_band(plane: &mut Plane, small_px: f32, large_px: f32) -> Plane {
-    let mut seen = Plane::new(plane.width, plane.height);
-    for (value, flag) in plane.data.iter_mut().zip(&mut seen.data) {
-        let is_seen = !value.is_nan();
-        *flag = f32::from(u8::from(is_seen));
-        if !is_seen {
-            *value = 0.0;
-        }
-    }
-    let weight = decimated(&seen, |flag| flag);
-    let blurred_weight = gaussian(&weight, large_px / DECIMATION as f32);
-    let mean = ratio(&gaussian(&decimated(plane, |value| value), large_px / DECIMATION as f32), &blurred_weight);
-    with_upsampled(plane, &mean, |value, mean| value - mean);
-    mask(plane, &seen);
-    *plane = gaussian(plane, small_px);
-    mask(plane, &seen);
-    let mut deviation =
-        ratio(&gaussian(&decimated(plane, |value| value * value), large_px / DECIMATION as f32), &blurred_weight);
-    for value in &mut deviation.data {
-        *value = 1.0 / (value.max(0.0).sqrt() + CONTRAST_FLOOR);
-    }
-    with_upsampled(plane, &deviation, |value, gain| value * gain);
-    seen
+/// What matching sees of a photo on the wall grid.
+pub(super) struct Band {
+    /// The normalised band; 0 where unseen.
+    pub(super) texels: Plane,
+    /// Share that was seen of every block of [`DECIMATION`] squared texels.
+    pub(super) seen: Plane,
 }
 
-fn mask(plane: &mut Plane, seen: &Plane) {
-    for (value, flag) in plane.data.iter_mut().zip(&seen.data) {
-        *value *= flag;
+impl Band {
+    /// Band-pass and local contrast normalisation of a plane in which NaN marks unseen texels.
+    ///
+    /// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)`; every Gaussian over the seen
+    /// texels only. Width and height are multiples of [`DECIMATION`].
+    pub(super) fn new(plane: &Plane, small_px: f32, large_px: f32) -> Self {
+        let large_px = large_px / DECIMATION as f32;
+        let seen = decimated(plane, |value| if value.is_nan() { 0.0 } else { 1.0 });
+        let weight = gaussian(&seen, large_px);
+        let mean = gaussian(&decimated(plane, |value| if value.is_nan() { 0.0 } else { value }), large_px);
+        let mut mean = Upsampled::new(ratio(&mean, &weight));
+        let centre = |row: usize, target: &mut [f32]| {
+            for ((out, value), mean) in target.iter_mut().zip(plane.row(row)).zip(mean.row(row)) {
+                *out = if value.is_nan() { 0.0 } else { value - mean };
+            }
+        };
+        let hide_unseen = |row: usize, target: &mut [f32]| {
+            for (out, value) in target.iter_mut().zip(plane.row(row)) {
+                *out = if value.is_nan() { 0.0 } else { *out };
+            }
+        };
+        let mut texels = blurred([plane.width, plane.height], small_px, centre, hide_unseen);
+        let mut gain = ratio(&gaussian(&decimated(&texels, |value| value * value), large_px), &weight);
+        for value in &mut gain.data {
+            *value = 1.0 / (value.max(0.0).sqrt() + CONTRAST_FLOOR);
+        }
+        let mut gain = Upsampled::new(gain);
+        for row in 0..texels.height {
+            for (value, gain) in texels.row_mut(row).iter_mut().zip(gain.row(row)) {
+                *value *= gain;
+            }
+        }
+        Self { texels, seen }
     }
 }
 
@@ -74,41 +87,68 @@ fn ratio(numerator: &Plane, denominator: &Plane) -> Plane {
     Plane { data, ..*numerator }
 }
 
-/// Sums of `f(value)` over blocks of `DECIMATION` squared texels, over their number.
-fn decimated(plane: &Plane, f: impl Fn(f32) -> f32 + Copy) -> Plane {
-    let mut small = Plane::new(plane.width / DECIMATION, plane.height / DECIMATION);
-    let share = 1.0 / (DECIMATION * DECIMATION) as f32;
-    for row in 0..small.height {
-        let target = row * small.width..(row + 1) * small.width;
-        for source_row in row * DECIMATION..(row + 1) * DECIMATION {
-            let blocks = plane.row(source_row).as_chunks::<DECIMATION>().0;
-            for (sum, block) in small.data[target.clone()].iter_mut().zip(blocks) {
-                *sum += share * block.iter().map(|&value| f(value)).sum::<f32>();
-            }
+/// Means of `f(value)` over blocks of [`DECIMATION`] squared texels.
+pub(super) fn decimated(plane: &Plane, f: impl Fn(f32) -> f32) -> Plane {
+    decimated_rows([plane.width, plane.height], |row, sums| {
+        for (sum, &value) in sums.iter_mut().zip(plane.row(row)) {
+            *sum += f(value);
         }
-    }
+    })
+}
+
+/// Means over blocks of [`DECIMATION`] squared texels of what `add` adds to the sums of each row.
+pub(super) fn decimated_rows([width, height]: [usize; 2], add: impl Fn(usize, &mut [f32])) -> Plane {
+    let mut small = Plane::new(width / DECIMATION, height / DECIMATION);
+    let mut sums = vec![0.0; width];
+    let share = 1.0 / (DECIMATION * DECIMATION) as f32;
+    Arch::new().dispatch(
+        #[inline(always)]
+        || {
+            for block_row in 0..small.height {
+                sums.fill(0.0);
+                for row in block_row * DECIMATION..(block_row + 1) * DECIMATION {
+                    add(row, &mut sums);
+                }
+                for (mean, block) in small.row_mut(block_row).iter_mut().zip(sums.as_chunks::<DECIMATION>().0) {
+                    *mean = share * block.iter().sum::<f32>();
+                }
+            }
+        },
+    );
     small
 }
 
-/// `target = f(target, small interpolated to the target's size)`.
-fn with_upsampled(target: &mut Plane, small: &Plane, f: impl Fn(f32, f32) -> f32 + Copy) {
-    let mut blended = vec![0.0; small.width];
-    let mut wide = vec![0.0; small.width * DECIMATION];
-    for row in 0..target.height {
-        let (first, second, t) = neighbours(row, small.height);
-        for ((out, a), b) in blended.iter_mut().zip(small.row(first)).zip(small.row(second)) {
+/// A decimated plane, interpolated row by row to the size it came from.
+struct Upsampled {
+    small: Plane,
+    /// A row between two of the small plane's, its ends repeated.
+    blended: Vec<f32>,
+    wide: Vec<f32>,
+}
+
+impl Upsampled {
+    fn new(small: Plane) -> Self {
+        let (blended, wide) = (vec![0.0; small.width + 2], vec![0.0; small.width * DECIMATION]);
+        Self { small, blended, wide }
+    }
+
+    fn row(&mut self, row: usize) -> &[f32] {
+        let (first, second, t) = neighbours(row, self.small.height);
+        let rows = self.small.row(first).iter().zip(self.small.row(second));
+        for (out, (a, b)) in self.blended[1..].iter_mut().zip(rows) {
             *out = a + t * (b - a);
         }
-        for (phase, offset) in (0..DECIMATION).map(|phase| (phase, phase_offset(phase))) {
-            for index in 0..small.width {
-                let value = blended[index];
-                let beside = if offset < 0.0 { index.saturating_sub(1) } else { (index + 1).min(small.width - 1) };
-                wide[index * DECIMATION + phase] = value + offset.abs() * (blended[beside] - value);
+        let last = self.small.width;
+        self.blended[0] = self.blended[1];
+        self.blended[last + 1] = self.blended[last];
+        for (texels, around) in self.wide.as_chunks_mut::<DECIMATION>().0.iter_mut().zip(self.blended.windows(3)) {
+            for (phase, texel) in texels.iter_mut().enumerate() {
+                let offset = phase_offset(phase);
+                let beside = if offset < 0.0 { around[0] } else { around[2] };
+                *texel = around[1] + offset.abs() * (beside - around[1]);
             }
         }
-        for (value, low) in target.row_mut(row).iter_mut().zip(&wide) {
-            *value = f(*value, *low);
-        }
+        &self.wide
     }
 }
 
@@ -126,47 +166,75 @@ fn neighbours(index: usize, blocks: usize) -> (usize, usize, f32) {
 
 /// Gaussian blur, cut at three standard deviations, zero beyond the border.
 pub(super) fn gaussian(plane: &Plane, sigma_px: f32) -> Plane {
-    let radius = (3.0 * sigma_px).ceil().max(1.0) as usize;
-    let mut taps: Vec<f32> = (0..=2 * radius)
-        .map(|index| {
-            let z = (index as f32 - radius as f32) / sigma_px.max(1e-3);
-            (-0.5 * z * z).exp()
-        })
-        .collect();
-    let sum: f32 = taps.iter().sum();
-    for tap in &mut taps {
-        *tap /= sum;
-    }
-    let mut out = Plane::new(plane.width, plane.height);
-    let mut padded = vec![0.0; plane.width + 2 * radius];
+    let size = [plane.width, plane.height];
+    blurred(size, sigma_px, |row, target| target.copy_from_slice(plane.row(row)), |_, _| ())
+}
+
+/// Gaussian blur as of [`gaussian`] of the rows that `fill` writes, each asked for once, in order; `finish` sees every row of
+/// the result.
+fn blurred(
+    [width, height]: [usize; 2],
+    sigma_px: f32,
+    mut fill: impl FnMut(usize, &mut [f32]),
+    mut finish: impl FnMut(usize, &mut [f32]),
+) -> Plane {
+    let taps = gaussian_taps(sigma_px);
+    let radius = taps.len() / 2;
+    let strips = width.next_multiple_of(STRIP);
+    let mut out = Plane::new(width, height);
+    // The rows around the current one, in turn; what no row has filled yet is zero.
+    let mut ring = vec![0.0; taps.len() * strips];
+    let mut column = vec![0.0; strips + 2 * radius];
     Arch::new().dispatch(
         #[inline(always)]
         || {
-            for row in 0..plane.height {
-                let column = &mut padded[radius..radius + plane.width];
-                column.fill(0.0);
-                for (index, &tap) in taps.iter().enumerate() {
-                    let source = row + index;
-                    if source >= radius && source - radius < plane.height {
-                        add_scaled(column, plane.row(source - radius), tap);
-                    }
+            for next in 0..height + radius {
+                let slot = &mut ring[(next % taps.len()) * strips..][..width];
+                if next < height {
+                    fill(next, slot);
+                } else {
+                    slot.fill(0.0);
                 }
-                let target = out.row_mut(row);
-                for (index, &tap) in taps.iter().enumerate() {
-                    add_scaled(target, &padded[index..index + plane.width], tap);
+                let Some(row) = next.checked_sub(radius) else { continue };
+                for start in (0..strips).step_by(STRIP) {
+                    // The oldest row lies after the newest.
+                    let sources = (0..taps.len()).map(|tap| ((next + 1 + tap) % taps.len()) * strips + start);
+                    let sums = weighted_sums(&taps, &ring, sources);
+                    column[radius + start..][..STRIP].copy_from_slice(&sums);
                 }
+                for (strip, target) in out.row_mut(row).chunks_mut(STRIP).enumerate() {
+                    let sources = strip * STRIP..strip * STRIP + taps.len();
+                    target.copy_from_slice(&weighted_sums(&taps, &column, sources)[..target.len()]);
+                }
+                finish(row, out.row_mut(row));
             }
         },
     );
     out
 }
 
+/// Sums of strips of `data` that begin at `sources`, weighted by `taps`.
 #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
 #[inline(always)]
-fn add_scaled(target: &mut [f32], source: &[f32], factor: f32) {
-    for (out, value) in target.iter_mut().zip(source) {
-        *out += factor * value;
+fn weighted_sums(taps: &[f32], data: &[f32], sources: impl Iterator<Item = usize>) -> [f32; STRIP] {
+    let mut sums = [0.0; STRIP];
+    for (tap, start) in taps.iter().zip(sources) {
+        for (sum, value) in sums.iter_mut().zip(&data[start..start + STRIP]) {
+            *sum += tap * value;
+        }
     }
+    sums
+}
+
+fn gaussian_taps(sigma_px: f32) -> Vec<f32> {
+    let radius = (3.0 * sigma_px).ceil().max(1.0) as usize;
+    let tap = |index: usize| {
+        let z = (index as f32 - radius as f32) / sigma_px.max(1e-3);
+        (-0.5 * z * z).exp()
+    };
+    let taps: Vec<f32> = (0..=2 * radius).map(tap).collect();
+    let sum: f32 = taps.iter().sum();
+    taps.iter().map(|tap| tap / sum).collect()
 }
 
 /// Sums over boxes of `2 radius + 1` squared texels around each texel, zero beyond the border.
@@ -245,15 +313,14 @@ mod tests {
 
     #[test]
     fn brightness_and_contrast_do_not_change_the_normalised_band() {
-        let mut plane = wavy(64, 64);
+        let plane = wavy(64, 64);
         let mut other = plane.clone();
         for value in &mut other.data {
             *value = 3.0 * *value + 20.0;
         }
-        let seen = normalise_band(&mut plane, 1.0, 8.0);
-        normalise_band(&mut other, 1.0, 8.0);
-        assert!(seen.data.iter().all(|&flag| flag == 1.0));
-        let worst = plane.data.iter().zip(&other.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let (band, other) = (Band::new(&plane, 1.0, 8.0), Band::new(&other, 1.0, 8.0));
+        assert!(band.seen.data.iter().all(|&share| share == 1.0));
+        let worst = band.texels.data.iter().zip(&other.texels.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst < 0.05, "differs by {worst}");
     }
 
@@ -263,8 +330,9 @@ mod tests {
         for row in 8..20 {
             plane.row_mut(row)[10..40].fill(f32::NAN);
         }
-        let seen = normalise_band(&mut plane, 1.0, 8.0);
-        assert!(plane.data.iter().all(|value| value.is_finite()));
-        assert!(plane.data.iter().zip(&seen.data).all(|(value, &flag)| flag == 1.0 || *value == 0.0));
+        let band = Band::new(&plane, 1.0, 8.0);
+        assert!(band.texels.data.iter().all(|value| value.is_finite()));
+        assert!(plane.data.iter().zip(&band.texels.data).all(|(given, value)| given.is_nan() == (*value == 0.0)));
+        assert_eq!(band.seen.row(3)[2..10], [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 }

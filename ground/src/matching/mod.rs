@@ -43,6 +43,7 @@ mod patch;
 mod rectify;
 mod round;
 mod search;
+mod texels;
 mod wall;
 
 use std::borrow::Cow;
@@ -53,7 +54,7 @@ pub use config::MatchConfig;
 pub use round::match_round;
 
 use crate::adjust::Tracks;
-use crate::raster::{Grey, Mask};
+use crate::raster::{Luma, Mask};
 
 /// A photo's pose as known before the round, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -80,7 +81,7 @@ impl ViewPose {
 #[derive(Clone, Debug)]
 pub struct Pixels<'a> {
     /// Grey values 0 to 255, of the camera's size.
-    pub grey: Cow<'a, Grey>,
+    pub grey: Cow<'a, Luma>,
     /// Mask of the same size, if there is one.
     pub mask: Option<Cow<'a, Mask>>,
 }
@@ -141,24 +142,4 @@ pub struct MatchRound {
     pub pairs: Vec<PairReport>,
     /// Photos that took no part: unreadable, of another size than the camera's, or with no wall in view by their pose.
     pub unusable: Vec<u32>,
-}
-
-impl MatchRound {
-    /// Photos of a survey of `photos` that at least half of their pairs doubt, or that have no pair at all.
-    ///
-    /// Their poses are no better after the adjustment than before: match them again with a wide window
-    /// ([`ViewPose::position_sigma_m`] and [`ViewPose::rotation_sigma_rad`] of the prior), and name them in the report.
-    pub fn doubtful_photos(&self, photos: usize) -> Vec<u32> {
-        let mut counts = vec![[0_usize; 2]; photos];
-        for pair in &self.pairs {
-            for photo in [pair.first, pair.second] {
-                if let Some([expected, doubtful]) = counts.get_mut(photo as usize) {
-                    *expected += 1;
-                    *doubtful += usize::from(pair.is_doubtful());
-                }
-            }
-        }
-        let doubted = |[expected, doubtful]: [usize; 2]| 2 * doubtful >= expected;
-        (0..).zip(counts).filter(|(_, counts)| doubted(*counts)).map(|(photo, _)| photo).collect()
-    }
 }

@@ -245,7 +245,7 @@ impl Round<'_> {
                     place[0] as i64 + source.origin[0] + turns - target.origin[0],
                     place[1] as i64 + source.origin[1] - target.origin[1],
                 ];
-                if target.inverse_norm_at(predicted[0], predicted[1]) > 0.0 {
+                if target.is_usable(predicted) {
                     candidates.push(Candidate {
                         from,
                         point,

@@ -2,13 +2,23 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::patch::Patch;
+use super::patch::{MIN_VARIANCE, Patch};
+use super::texels::Texels;
 
 /// Window columns worked on together: enough independent sums to hide the latency of a fused multiply-add.
 const GROUP: usize = 8;
 
 /// Template rows are padded with zeros to a multiple of this, the widest vector in use.
 const LANES: usize = 8;
+
+/// Half-width of the search window, texels, from which it is searched at half the resolution first.
+const WIDE_REACH: usize = 12;
+
+/// Places at half the resolution that are looked at in full: repeated bricks look alike there.
+const CANDIDATES: usize = 3;
+
+/// Half-width, texels, of the search around such a place.
+const REFINING_REACH: usize = 3;
 
 /// Where a template was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +34,8 @@ pub(super) struct Peak {
 pub(super) struct Search {
     template: Vec<f32>,
     window: Vec<f32>,
+    /// Sums of the window's columns over the rows of one offset: of the values, of their squares.
+    column_sums: [Vec<f32>; 2],
     scores: Vec<f32>,
 }
 
@@ -31,7 +43,8 @@ impl Search {
     /// Finds the template around `point` of `from` near `target` (column and row in the window of `to`).
     ///
     /// `None` if the best place lies on the border of the search, touches wall that `to` did not see, or correlates less
-    /// than `min_ncc`. Cost: the search window times the template's area in multiply-adds.
+    /// than `min_ncc`. Cost: the search window times the template's area in multiply-adds; where the window is wide a
+    /// sixteenth of that, since it is searched at half the resolution first.
     pub(super) fn find(
         &mut self,
         from: &Patch,
@@ -40,73 +53,149 @@ impl Search {
         target: [i64; 2],
         size: &SearchSize,
     ) -> Option<Peak> {
-        self.take_template(from, point, size);
-        self.take_window(to, target, size);
-        let span = size.span();
-        let columns = span[0].next_multiple_of(GROUP);
-        self.scores.clear();
-        self.scores.resize(span[1] * columns, 0.0);
-        Arch::new().dispatch(Correlate {
-            template: &self.template,
-            template_stride: size.template_stride(),
-            window: &self.window,
-            window_stride: size.window_stride(),
-            scores: &mut self.scores,
-            columns,
-        });
-        self.normalise(to, target, size, columns);
-        self.peak(span, columns, size.min_ncc)
+        let point = point.map(|middle| middle as i64);
+        if size.reach.iter().all(|&reach| reach < WIDE_REACH) {
+            return self.find_at_once(from, point, to, target, size);
+        }
+        let narrow = SearchSize { reach: [REFINING_REACH; 2], ..*size };
+        let mut best: Option<Peak> = None;
+        for offset in self.find_halved(from, point, to, target, size)? {
+            let near = [0, 1].map(|axis| target[axis] + offset[axis]);
+            if let Some(peak) = self.find_at_once(from, point, to, near, &narrow)
+                && best.is_none_or(|best| peak.ncc > best.ncc)
+            {
+                best = Some(Peak { offset: [0, 1].map(|axis| peak.offset[axis] + offset[axis] as f64), ..peak });
+            }
+        }
+        best.filter(|peak| (0..2).all(|axis| peak.offset[axis].abs() < size.reach[axis] as f64))
     }
 
-    fn take_template(&mut self, from: &Patch, point: [usize; 2], size: &SearchSize) {
-        let (side, stride) = (2 * size.half + 1, size.template_stride());
+    fn find_at_once(
+        &mut self,
+        from: &Patch,
+        point: [i64; 2],
+        to: &Patch,
+        target: [i64; 2],
+        size: &SearchSize,
+    ) -> Option<Peak> {
+        let contrast = self.take_template(&from.texels, point, size)?;
+        self.take_window(&to.texels, target, size);
+        self.correlate(size, contrast);
+        self.hide_unusable(to, 1, target, size);
+        self.peak(size)
+    }
+
+    /// The best places at half the resolution, as offsets from `target` in texels; the true one may be a texel off.
+    fn find_halved(
+        &mut self,
+        from: &Patch,
+        point: [i64; 2],
+        to: &Patch,
+        target: [i64; 2],
+        size: &SearchSize,
+    ) -> Option<impl Iterator<Item = [i64; 2]> + use<>> {
+        let halved = SearchSize { half: size.half / 2, reach: size.reach.map(|reach| reach / 2 + 1), min_ncc: 0.0 };
+        let [halved_point, halved_target] = [point, target].map(|place| place.map(|texel| texel.div_euclid(2)));
+        let contrast = self.take_template(from.texels.halved(), halved_point, &halved)?;
+        self.take_window(to.texels.halved(), halved_target, &halved);
+        self.correlate(&halved, contrast);
+        self.hide_unusable(to, 2, halved_target, &halved);
+        let offset = move |[column, row]: [usize; 2]| {
+            let place = [column, row].map(|index| index as i64);
+            [0, 1].map(|axis| {
+                let found = halved_target[axis] - halved.reach[axis] as i64 + place[axis];
+                2 * (found - halved_point[axis]) + point[axis] - target[axis]
+            })
+        };
+        Some(self.highest(&halved).into_iter().flatten().map(offset))
+    }
+
+    /// The highest of the scores that no neighbour exceeds, as column and row.
+    fn highest(&self, size: &SearchSize) -> [Option<[usize; 2]>; CANDIDATES] {
+        let (span, columns) = (size.span(), size.columns());
+        let mut highest = [(0.0, None); CANDIDATES];
+        for (row, scores) in self.scores.chunks_exact(columns).enumerate() {
+            for (column, &score) in scores[..span[0]].iter().enumerate() {
+                if score <= highest[CANDIDATES - 1].0 {
+                    continue;
+                }
+                let rows = row.saturating_sub(1)..(row + 2).min(span[1]);
+                let beside = column.saturating_sub(1)..(column + 2).min(span[0]);
+                let exceeds =
+                    |row: usize| self.scores[row * columns..][beside.clone()].iter().any(|&other| other > score);
+                if !rows.into_iter().any(exceeds) {
+                    let rank = highest.partition_point(|(other, _)| *other >= score);
+                    highest[rank..].rotate_right(1);
+                    highest[rank] = (score, Some([column, row]));
+                }
+            }
+        }
+        highest.map(|(_, place)| place)
+    }
+
+    /// Takes the template's deviations from its mean; returns one over their norm, or `None` if there is too little contrast.
+    fn take_template(&mut self, from: &Texels, middle: [i64; 2], size: &SearchSize) -> Option<f32> {
+        let (side, stride) = (size.side(), size.template_stride());
         self.template.clear();
         self.template.resize(side * stride, 0.0);
-        let corner = point.map(|middle| middle as i64 - size.half as i64);
-        copy_rectangle(from, corner, [side; 2], &mut self.template, stride);
-        let mut sum = 0.0;
-        for row in self.template.chunks_exact(stride) {
-            sum += row[..side].iter().sum::<f32>();
-        }
-        let mean = sum / (side * side) as f32;
-        // The norm is that of the patch's own map, so that both sides of the correlation agree about it.
-        let gain = from.inverse_norm_at(point[0] as i64, point[1] as i64);
+        let corner = middle.map(|middle| middle - size.half as i64);
+        from.copy_rectangle(corner, [side; 2], &mut self.template, stride);
+        let [sum, squares] = Arch::new().dispatch(
+            #[inline(always)]
+            || sums(&self.template),
+        );
+        let area = (side * side) as f32;
+        let mean = sum / area;
         for row in self.template.chunks_exact_mut(stride) {
-            row[..side].iter_mut().for_each(|value| *value = (*value - mean) * gain);
+            row[..side].iter_mut().for_each(|value| *value -= mean);
         }
+        let deviation = squares - sum * mean;
+        (deviation > MIN_VARIANCE * area).then(|| deviation.sqrt().recip())
     }
 
-    fn take_window(&mut self, to: &Patch, target: [i64; 2], size: &SearchSize) {
+    fn take_window(&mut self, to: &Texels, target: [i64; 2], size: &SearchSize) {
         let stride = size.window_stride();
         let side = size.reach.map(|reach| 2 * (size.half + reach) + 1);
         self.window.clear();
         self.window.resize(side[1] * stride, 0.0);
         let corner = [0, 1].map(|axis| target[axis] - (size.half + size.reach[axis]) as i64);
-        copy_rectangle(to, corner, side, &mut self.window, stride);
+        to.copy_rectangle(corner, side, &mut self.window, stride);
     }
 
-    fn normalise(&mut self, to: &Patch, target: [i64; 2], size: &SearchSize, columns: usize) {
+    /// Fills the scores with the normalised cross-correlation at every offset; 0 where the window has too little contrast.
+    fn correlate(&mut self, size: &SearchSize, contrast: f32) {
+        let columns = size.columns();
+        self.scores.clear();
+        self.scores.resize(size.span()[1] * columns, 0.0);
+        for sums in &mut self.column_sums {
+            sums.clear();
+            sums.resize(size.window_stride(), 0.0);
+        }
+        Arch::new().dispatch(Correlate {
+            size,
+            contrast,
+            template: &self.template,
+            window: &self.window,
+            column_sums: &mut self.column_sums,
+            scores: &mut self.scores,
+        });
+    }
+
+    /// Clears the scores where no template can lie; a step of the window is one of `texels`.
+    fn hide_unusable(&mut self, to: &Patch, texels: i64, target: [i64; 2], size: &SearchSize) {
         let corner = [0, 1].map(|axis| target[axis] - size.reach[axis] as i64);
-        let skip = (-corner[0]).clamp(0, columns as i64) as usize;
-        let end = (to.texels.width as i64 - corner[0]).clamp(skip as i64, columns as i64) as usize;
-        for (offset, scores) in self.scores.chunks_exact_mut(columns).enumerate() {
-            let row = corner[1] + offset as i64;
-            if row < 0 || row as usize >= to.texels.height || skip == end {
-                scores.fill(0.0);
-                continue;
-            }
-            scores[..skip].fill(0.0);
-            scores[end..].fill(0.0);
-            let start = (corner[0] + skip as i64) as usize;
-            let norms = &to.inverse_norm.row(row as usize)[start..start + end - skip];
-            for (score, norm) in scores[skip..end].iter_mut().zip(norms) {
-                *score *= norm;
+        for (row, scores) in (corner[1]..).zip(self.scores.chunks_exact_mut(size.columns())) {
+            for (column, score) in (corner[0]..).zip(scores) {
+                if !to.is_usable([column * texels, row * texels]) {
+                    *score = 0.0;
+                }
             }
         }
     }
 
-    fn peak(&self, span: [usize; 2], columns: usize, min_ncc: f32) -> Option<Peak> {
-        let (mut best, mut at) = (min_ncc, None);
+    fn peak(&self, size: &SearchSize) -> Option<Peak> {
+        let (span, columns) = (size.span(), size.columns());
+        let (mut best, mut at) = (size.min_ncc, None);
         for (row, scores) in self.scores.chunks_exact(columns).enumerate() {
             for (column, &score) in scores[..span[0]].iter().enumerate() {
                 if score >= best {
@@ -140,12 +229,22 @@ pub(super) struct SearchSize {
 }
 
 impl SearchSize {
+    /// The template's side.
+    fn side(&self) -> usize {
+        2 * self.half + 1
+    }
+
     fn template_stride(&self) -> usize {
-        (2 * self.half + 1).next_multiple_of(LANES)
+        self.side().next_multiple_of(LANES)
     }
 
     fn window_stride(&self) -> usize {
-        self.span()[0].next_multiple_of(GROUP) + self.template_stride()
+        self.columns() + self.template_stride()
+    }
+
+    /// Columns of the scores: those of the search window and some that are not looked at.
+    fn columns(&self) -> usize {
+        self.span()[0].next_multiple_of(GROUP)
     }
 
     /// Columns and rows of the search window.
@@ -154,31 +253,15 @@ impl SearchSize {
     }
 }
 
-/// Copies a rectangle of a patch; what lies beyond the patch stays as it was.
-fn copy_rectangle(from: &Patch, corner: [i64; 2], [width, height]: [usize; 2], target: &mut [f32], stride: usize) {
-    let skip = (-corner[0]).clamp(0, width as i64) as usize;
-    let end = (from.texels.width as i64 - corner[0]).clamp(0, width as i64) as usize;
-    if skip >= end {
-        return;
-    }
-    for (offset, row) in target.chunks_exact_mut(stride).take(height).enumerate() {
-        let source_row = corner[1] + offset as i64;
-        if source_row >= 0 && (source_row as usize) < from.texels.height {
-            let start = (corner[0] + skip as i64) as usize;
-            let source = &from.texels.row(source_row as usize)[start..start + end - skip];
-            row[skip..end].copy_from_slice(source);
-        }
-    }
-}
-
-/// Sums of template times window for every offset.
+/// Normalised cross-correlation of template and window for every offset.
 struct Correlate<'a> {
+    size: &'a SearchSize,
+    /// One over the template's norm.
+    contrast: f32,
     template: &'a [f32],
-    template_stride: usize,
     window: &'a [f32],
-    window_stride: usize,
+    column_sums: &'a mut [Vec<f32>; 2],
     scores: &'a mut [f32],
-    columns: usize,
 }
 
 impl WithSimd for Correlate<'_> {
@@ -187,21 +270,79 @@ impl WithSimd for Correlate<'_> {
     #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { template, template_stride, window, window_stride, scores, columns } = self;
-        for (offset_row, scores) in scores.chunks_exact_mut(columns).enumerate() {
-            let rows = window[offset_row * window_stride..].chunks_exact(window_stride);
+        let Self { size, contrast, template, window, column_sums, scores } = self;
+        let (side, template_stride, window_stride) = (size.side(), size.template_stride(), size.window_stride());
+        for (offset_row, scores) in scores.chunks_exact_mut(size.columns()).enumerate() {
+            let rows = &window[offset_row * window_stride..][..side * window_stride];
+            add_row_sums(window, window_stride, side, offset_row, column_sums);
             for (group, scores) in scores.as_chunks_mut::<GROUP>().0.iter_mut().enumerate() {
+                let start = group * GROUP;
                 let mut sums = [simd.splat_f32s(0.0); GROUP];
-                for (template_row, window_row) in template.chunks_exact(template_stride).zip(rows.clone()) {
-                    let window_row = &window_row[group * GROUP..group * GROUP + template_stride + GROUP];
+                let template_rows = template.chunks_exact(template_stride);
+                for (template_row, window_row) in template_rows.zip(rows.chunks_exact(window_stride)) {
+                    let window_row = &window_row[start..start + template_stride + GROUP];
                     row_products(simd, template_row, window_row, &mut sums);
                 }
-                for (score, sum) in scores.iter_mut().zip(sums) {
-                    *score = simd.reduce_sum_f32s(sum);
+                let norms =
+                    inverse_norms(&column_sums.each_ref().map(|sums| &sums[start..start + side + GROUP - 1]), side);
+                for ((score, sum), norm) in scores.iter_mut().zip(sums).zip(norms) {
+                    *score = simd.reduce_sum_f32s(sum) * contrast * norm;
                 }
             }
         }
     }
+}
+
+/// Sums of values and of their squares, in as many parts as a vector has lanes.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn sums(values: &[f32]) -> [f32; 2] {
+    let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
+    for chunk in values.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            sums[lane] += chunk[lane];
+            squares[lane] += chunk[lane] * chunk[lane];
+        }
+    }
+    [sums.iter().sum(), squares.iter().sum()]
+}
+
+/// Moves the sums of the window's columns on to the rows of an offset, from those of the offset before.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn add_row_sums(window: &[f32], stride: usize, side: usize, offset_row: usize, [sums, squares]: &mut [Vec<f32>; 2]) {
+    let row = |index: usize| &window[index * stride..(index + 1) * stride];
+    let first_new = if offset_row == 0 { 0 } else { offset_row + side - 1 };
+    for index in first_new..offset_row + side {
+        for ((sum, square), value) in sums.iter_mut().zip(squares.iter_mut()).zip(row(index)) {
+            *sum += value;
+            *square += value * value;
+        }
+    }
+    if let Some(old) = offset_row.checked_sub(1) {
+        for ((sum, square), value) in sums.iter_mut().zip(squares.iter_mut()).zip(row(old)) {
+            *sum -= value;
+            *square -= value * value;
+        }
+    }
+}
+
+/// For `GROUP` successive offsets one over the norm of what the template meets; 0 where that has too little contrast.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn inverse_norms([sums, squares]: &[&[f32]; 2], side: usize) -> [f32; GROUP] {
+    let (mut sum, mut square) = ([0.0; GROUP], [0.0; GROUP]);
+    for (sums, squares) in sums.windows(GROUP).zip(squares.windows(GROUP)) {
+        for offset in 0..GROUP {
+            sum[offset] += sums[offset];
+            square[offset] += squares[offset];
+        }
+    }
+    let area = (side * side) as f32;
+    std::array::from_fn(|offset| {
+        let deviation = square[offset] - sum[offset] * sum[offset] / area;
+        if deviation > MIN_VARIANCE * area { deviation.sqrt().recip() } else { 0.0 }
+    })
 }
 
 /// Adds the products of one template row with the window row at `GROUP` successive offsets.

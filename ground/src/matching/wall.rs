@@ -149,6 +149,13 @@ impl Footprint {
         shared as f64 / self.count.min(other.count).max(1) as f64
     }
 
+    /// Tells whether a block of the window, or one beside it, is seen.
+    pub(super) fn sees_around(&self, [column, row]: [usize; 2]) -> bool {
+        let rows = row.saturating_sub(1)..(row + 2).min(self.size[1]);
+        let columns = column.saturating_sub(1)..(column + 2).min(self.size[0]);
+        rows.into_iter().any(|row| self.seen[row * self.size[0]..][columns.clone()].contains(&true))
+    }
+
     fn sees(&self, block: [i64; 2]) -> bool {
         let (i, j) = (block[0] - self.block0[0], block[1] - self.block0[1]);
         let inside = i >= 0 && j >= 0 && (i as usize) < self.size[0] && (j as usize) < self.size[1];

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::surface::SurfaceError;
 use crate::texture::TextureError;
 
 /// Failure of the model stage.
@@ -19,9 +20,9 @@ pub enum ModelError {
     /// The panorama's tiles cannot be read.
     #[error("the panorama of the texture stage: {0}")]
     Panorama(#[from] TextureError),
-    /// The section is not a profile.
-    #[error("the reconstruction's section: {0}")]
-    Profile(#[from] adit_geometry::profile::ProfileError),
+    /// The measured wall cannot be read.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
     /// A texture cannot be encoded.
     #[error("texture of {width_px} x {height_px} px: {source}")]
     Jpeg {

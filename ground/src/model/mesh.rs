@@ -1,4 +1,4 @@
-//! The wall as textured chunks: boxes of the panorama, each with a mesh on the profile and a picture.
+//! The wall as textured chunks: boxes of the panorama, each with a mesh on the measured wall and a picture.
 //!
 //! # Frame
 //! Model space is glTF's: right-handed, y up, metres: X = tunnel y (right), Y = -tunnel z (up), Z = -tunnel x, so that a
@@ -8,6 +8,7 @@ use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
 use super::error::ModelError;
+use crate::surface::{SurfaceStore, SurfaceWindow, WallPlace};
 use crate::texture::{PanoramaGrid, PixelBox, Rgba8, TileReader};
 
 /// Pixels around a chunk's own that its picture repeats from its neighbours, so that filtering shows no seam.
@@ -87,13 +88,14 @@ pub(super) fn chunk(
     area: &ChunkBox,
     reader: &TileReader,
     grid: &PanoramaGrid,
-    profile: &Profile<f64>,
+    surface: &SurfaceStore,
     options: &ChunkOptions,
 ) -> Result<Option<Chunk>, ModelError> {
     let picture = read_with_margin(reader, area)?;
     let scale = (1_u64 << (reader.last_level() - area.level)) as f64 * grid.texel_m();
     let place = Placement { area: *area, s0_m: grid.s0_m, x0_m: grid.x0_m, scale };
-    let (vertices, indices) = mesh(&place, &picture, profile, grid, options);
+    let window = surface.window([area.row, area.row + area.height].map(|row| place.x_m(row as f64)))?;
+    let (vertices, indices) = mesh(&place, &picture, &window, grid, options);
     if indices.is_empty() {
         return Ok(None);
     }
@@ -158,7 +160,7 @@ type Run = Vec<f64>;
 fn mesh(
     place: &Placement,
     picture: &Rgba8,
-    profile: &Profile<f64>,
+    surface: &SurfaceWindow,
     grid: &PanoramaGrid,
     options: &ChunkOptions,
 ) -> (Vec<Vertex>, Vec<u32>) {
@@ -171,13 +173,13 @@ fn mesh(
     let xs: Vec<f64> = (0..=steps).map(|step| x_from_m + (x_to_m - x_from_m) * step as f64 / steps as f64).collect();
     let mut vertices = Vec::new();
     let mut indices = Vec::new();
-    for run in runs(profile, s_from_m, s_to_m, options) {
+    for run in runs(surface.profile(), s_from_m, s_to_m, options) {
         let first = vertices.len() as u32;
         for &x_m in &xs {
             for (index, &s_m) in run.iter().enumerate() {
                 // Inside the run's piece, so that a corner's two sides keep their own normals.
                 let inner = if index == 0 { s_m + SAME_M } else { s_m - SAME_M };
-                vertices.extend(vertex(profile, inner, x_m - x_from_m, place.uv(s_m, x_m)));
+                vertices.push(vertex(surface, inner, [x_m, x_from_m], place.uv(s_m, x_m)));
             }
         }
         let stride = run.len() as u32;
@@ -209,13 +211,14 @@ fn without_unused(vertices: &[Vertex], mut indices: Vec<u32>) -> (Vec<Vertex>, V
     (kept, indices)
 }
 
-fn vertex(profile: &Profile<f64>, s_m: f64, forward_m: f64, uv: [f32; 2]) -> Option<Vertex> {
-    let surface = profile.at(s_m)?;
-    Some(Vertex {
-        position: [surface.point.x as f32, -surface.point.y as f32, -forward_m as f32],
-        normal: [surface.normal.x as f32, -surface.normal.y as f32, 0.0],
+/// The vertex at a station, counted in model space from the station of the chunk's origin.
+fn vertex(surface: &SurfaceWindow, s_m: f64, [x_m, origin_x_m]: [f64; 2], uv: [f32; 2]) -> Vertex {
+    let WallPlace { position, normal } = surface.point(s_m, x_m);
+    Vertex {
+        position: [position.y as f32, -position.z as f32, -(x_m - origin_x_m) as f32],
+        normal: [normal.y as f32, -normal.z as f32, -normal.x as f32],
         uv,
-    })
+    }
 }
 
 /// Divides `[from, to]` at corners, and each piece so finely that chords stay within the sagitta of the arc.
@@ -293,17 +296,19 @@ mod tests {
         }
     }
 
-    fn underpass() -> Profile<f64> {
-        ProfileSpec::Underpass { width_m: 4.0, wall_m: 2.5, rise_m: 1.0, axis_height_m: 1.4 }.build().unwrap()
+    fn underpass() -> ProfileSpec<f64> {
+        ProfileSpec::Underpass { width_m: 4.0, wall_m: 2.5, rise_m: 1.0, axis_height_m: 1.4 }
     }
 
-    fn whole_mesh(profile: &Profile<f64>) -> (Vec<Vertex>, Vec<u32>) {
+    fn whole_mesh(spec: &ProfileSpec<f64>) -> (Vec<Vertex>, Vec<u32>) {
+        let store = SurfaceStore::flat(spec).unwrap();
+        let profile = store.profile();
         let grid = PanoramaGrid::new(profile.perimeter_m(), 20.0, -1.0, 2.0);
         let area = ChunkBox { level: 0, column: 0, row: 0, width: grid.width_px, height: grid.height_px };
         let (width, height) = (area.width + 2 * MARGIN_PX, area.height + 2 * MARGIN_PX);
         let picture = Rgba8 { width, height, data: vec![255; width * height * 4] };
         let place = Placement { area, s0_m: 0.0, x0_m: grid.x0_m, scale: grid.texel_m() };
-        mesh(&place, &picture, profile, &grid, &options())
+        mesh(&place, &picture, &store.window([-1.0, 2.0]).unwrap(), &grid, &options())
     }
 
     #[test]
@@ -321,10 +326,10 @@ mod tests {
 
     #[test]
     fn vertices_lie_on_the_wall_with_their_own_texture_coordinates() {
-        let profile = underpass();
+        let profile = underpass().build().unwrap();
         let grid = PanoramaGrid::new(profile.perimeter_m(), 20.0, -1.0, 2.0);
         let width = (grid.width_px + 2 * MARGIN_PX) as f64;
-        for vertex in whole_mesh(&profile).0 {
+        for vertex in whole_mesh(&underpass()).0 {
             let column = f64::from(vertex.uv[0]) * width - MARGIN_PX as f64;
             let wall = profile.at((grid.s_m(column)).min(grid.perimeter_m - 1e-6)).unwrap().point;
             let offset = [wall.x - f64::from(vertex.position[0]), -wall.y - f64::from(vertex.position[1])];

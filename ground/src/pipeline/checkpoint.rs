@@ -5,7 +5,7 @@
 //! means another input, and the stage runs again.
 
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -13,7 +13,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
-use crate::files::write_whole;
+use crate::files::write_whole_with;
 use crate::survey::Survey;
 
 /// Digest of everything that a stage's result depends on.
@@ -99,10 +99,13 @@ impl Checkpoints {
     /// # Errors
     /// If it cannot be written (a full disk, a read-only folder); what was there before is kept.
     pub fn store<T: Serialize>(&self, stage: &str, key: Key, result: &T) -> Result<()> {
-        let mut content = key.0.to_vec();
-        content.extend(postcard::to_stdvec(result).with_context(|| format!("cannot encode the result of {stage}"))?);
         let path = self.path(stage);
-        write_whole(&path, &content).with_context(|| format!("cannot write {}", path.display()))
+        let write = |file: &mut BufWriter<fs::File>| {
+            file.write_all(&key.0)?;
+            postcard::to_io(result, file).with_context(|| format!("cannot encode the result of {stage}"))?;
+            Ok::<(), anyhow::Error>(())
+        };
+        write_whole_with(&path, write).with_context(|| format!("cannot write {}", path.display()))
     }
 
     fn path(&self, stage: &str) -> PathBuf {

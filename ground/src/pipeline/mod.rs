@@ -6,6 +6,7 @@ mod photos;
 mod placing;
 mod progress;
 mod solve;
+mod stages;
 mod tag_noise;
 mod warnings;
 
@@ -18,13 +19,15 @@ use serde_json::json;
 pub use checkpoint::{Checkpoints, Key};
 pub(crate) use groups::registered;
 pub use progress::{StageProgress, Verbosity};
-pub use solve::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, SolveOptions, Solver, Start, TagSlip};
+pub use solve::{SolveOptions, Solver, Start};
+pub use stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary, TagSlip};
 pub use warnings::Warning;
 
 use crate::files::write_whole;
 use crate::model::{self, ModelOptions, ModelReport};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction, write_poses};
 use crate::report::{self, ReportInput};
+use crate::surface::{self, SurfaceOptions, SurfaceReport, SurfaceStore};
 use crate::survey::{self, Loss, Survey};
 use crate::texture::{self, TextureOptions, TextureProgress, TextureReport};
 
@@ -40,6 +43,8 @@ pub enum Stage {
     Match,
     /// Adjustment with pruning.
     Adjust,
+    /// The wall's height over its section: rings and relief.
+    Surface,
     /// Panorama, sheets, coverage.
     Texture,
     /// GLB, OBJ, PLY, COLMAP.
@@ -161,6 +166,8 @@ impl Run<'_> {
         if self.ends_with(Stage::Adjust) {
             return Ok(());
         }
+        // Its photos are decoded in grey: the panorama has no use for them.
+        drop(solver);
         self.picture_stages(survey, &adjusted.reconstruction, key)
     }
 
@@ -168,14 +175,23 @@ impl Run<'_> {
     fn picture_tags_only(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<()> {
         self.summary.warnings.push(Warning::TagsOnly);
         self.write_poses(&reconstruction.poses)?;
-        if self.options.stop_after.is_some_and(|stage| stage < Stage::Texture) {
+        if self.options.stop_after.is_some_and(|stage| stage < Stage::Surface) {
             return Ok(());
         }
         self.picture_stages(survey, reconstruction, key)
     }
 
     fn picture_stages(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<()> {
+        let key = self.surface(survey, reconstruction, key)?;
+        if self.ends_with(Stage::Surface) {
+            return Ok(());
+        }
         let out = &self.options.out;
+        // Photos that were not matched cannot measure the wall: it is the section.
+        let open_surface = || match self.options.solve.start {
+            Start::TagsOnly => SurfaceStore::flat(&reconstruction.profile),
+            _ => SurfaceStore::open(out),
+        };
         let options = TextureOptions { mm_per_px: self.options.mm_per_px, ..TextureOptions::default() };
         let key = key.then("texture", &options)?;
         let files = ["panorama/panorama.json", "panorama/tiles/panorama.dzi", "coverage.json"];
@@ -184,7 +200,8 @@ impl Run<'_> {
                 TextureProgress::Total(total) => progress.restart(total),
                 TextureProgress::Step => progress.tick(),
             };
-            Ok(texture::build(survey, reconstruction, &options, out, &tell)?)
+            let surface = open_surface()?;
+            Ok(texture::build(survey, reconstruction, &surface, &options, out, &tell)?)
         };
         let textured = self.stage(Stage::Texture, key, 0, &files, compute, say_texture)?;
         self.summary.losses.extend(textured.losses.iter().cloned());
@@ -196,13 +213,31 @@ impl Run<'_> {
         let files = ["model.glb", "model.obj", "points.ply", "colmap/points3D.txt"];
         let compute = |_: &StageProgress| {
             model::colmap::write(reconstruction, &out.join("colmap"))?;
-            Ok(model::write(reconstruction, &textured.grid, &options, out)?)
+            Ok(model::write(&open_surface()?, &textured.grid, &options, out)?)
         };
         self.stage(Stage::Model, key, 0, &files, compute, say_model)?;
         if self.ends_with(Stage::Model) {
             return Ok(());
         }
         self.report(survey, reconstruction, &textured)
+    }
+
+    /// Measures the wall, if photos were matched; returns the key of what follows.
+    fn surface(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<Key> {
+        if self.options.solve.start == Start::TagsOnly {
+            return key.then("no surface", &());
+        }
+        let out = &self.options.out;
+        let options = SurfaceOptions::default();
+        let key = key.then("surface", &options)?;
+        let files = ["surface/surface.json", "relief.tif", "relief.png"];
+        let compute = |progress: &StageProgress| {
+            let tell = |done: usize, total: usize| if done == 0 { progress.restart(total) } else { progress.tick() };
+            Ok(surface::build(survey, reconstruction, &options, out, &tell)?)
+        };
+        let surface = self.stage(Stage::Surface, key, 0, &files, compute, say_surface)?;
+        self.summary.losses.extend(surface.losses.iter().cloned());
+        Ok(key)
     }
 
     /// Written anew each time: it says what this run did.
@@ -275,6 +310,7 @@ impl Stage {
             Self::Coarse => "coarse",
             Self::Match => "match",
             Self::Adjust => "adjust",
+            Self::Surface => "surface",
             Self::Texture => "texture",
             Self::Model => "model",
             Self::Report => "report",
@@ -338,6 +374,15 @@ fn say_adjust(stage: &AdjustStage) -> (String, serde_json::Value) {
         "pruned": stage.pruned,
     });
     (line, figures)
+}
+
+fn say_surface(report: &SurfaceReport) -> (String, serde_json::Value) {
+    let ovality = report.median_ovality_percent.map_or_else(String::new, |percent| format!(", ovality {percent:.2} %"));
+    let line = format!(
+        "{:.1} m2 known in cells of {:.0} mm, relief {:+.1} to {:+.1} mm{ovality}",
+        report.known_area_m2, report.cell_mm, report.deepest.height_mm, report.highest.height_mm
+    );
+    (line, json!(report))
 }
 
 fn say_texture(report: &TextureReport) -> (String, serde_json::Value) {

@@ -17,8 +17,9 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::groups::{Groups, PairShare, hanging_together, pair_shares};
 use super::progress::StageProgress;
-use super::solve::{COARSE_MATCH_PX, CoarseStage, PriorStage, ROBUST, RoundSummary, SURFACE_M, Solver, TagSlip};
-use crate::adjust::{AdjustReport, Shared, Tracks, Weights, adjust};
+use super::solve::{COARSE_MATCH_PX, ROBUST, SURFACE_M, Solver};
+use super::stages::{CoarseStage, PriorStage, RoundSummary, TagSlip};
+use crate::adjust::{AdjustReport, Observation, Shared, Tracks, Weights, adjust};
 use crate::matching::{MatchConfig, MatchRound, PairReport, ViewPose};
 use crate::prior::TagPrior;
 use crate::survey::Loss;
@@ -95,9 +96,9 @@ impl<'a> Placing<'a> {
     pub(super) fn run(mut self, progress: &StageProgress) -> Result<CoarseStage> {
         let config = self.solver.wide();
         let views = self.views.clone();
-        let round = self.round(&views, &config, &|_| true, progress);
+        let round = self.round(&views, &|photo| photo, &config, &|_| true, progress);
         self.unusable.clone_from(&round.unusable);
-        self.take(round, |_| true);
+        self.take(round, &|photo| photo, |_| true);
         if self.pairs.values().any(|pair| pair.too_uncertain) {
             self.line_up();
         }
@@ -158,23 +159,25 @@ impl<'a> Placing<'a> {
     fn round(
         &mut self,
         views: &[ViewPose],
+        photo_of: &(dyn Fn(usize) -> usize + Sync),
         config: &MatchConfig,
         wanted: &dyn Fn([usize; 2]) -> bool,
         progress: &StageProgress,
     ) -> MatchRound {
-        let (round, losses) = self.solver.round(views, config, wanted, progress);
+        let (round, losses) = self.solver.round(views, photo_of, config, wanted, progress);
         self.losses.extend(losses);
         self.losses.sort_by(|a, b| (&a.what, &a.why).cmp(&(&b.what, &b.why)));
         self.losses.dedup();
         round
     }
 
-    /// Takes over a round's pairs and matches, those between accepted photos.
-    fn take(&mut self, round: MatchRound, accepted: impl Fn([usize; 2]) -> bool) {
+    /// Takes over a round's pairs and matches, those between accepted views; `photo_of` tells which photo a view is of.
+    fn take(&mut self, round: MatchRound, photo_of: &dyn Fn(usize) -> usize, accepted: impl Fn([usize; 2]) -> bool) {
+        let photo = |view: u32| photo_of(view as usize) as u32;
         for pair in round.pairs {
-            let photos = [pair.first, pair.second];
-            if accepted(photos.map(|photo| photo as usize)) {
-                self.pairs.insert(photos, pair);
+            if accepted([pair.first, pair.second].map(|view| view as usize)) {
+                let (first, second) = (photo(pair.first), photo(pair.second));
+                self.pairs.insert([first, second], PairReport { first, second, ..pair });
             }
         }
         for (position, seen) in round.tracks.iter() {
@@ -182,13 +185,14 @@ impl<'a> Placing<'a> {
             let others = seen[1..].iter().filter(|other| with_reference(other.photo));
             let kept: Vec<_> = std::iter::once(&seen[0]).chain(others).copied().collect();
             if kept.len() > 1 {
-                self.tracks.push(*position, kept);
+                let of_photos = |seen: Observation| Observation { photo: photo(seen.photo), ..seen };
+                self.tracks.push(*position, kept.into_iter().map(of_photos));
             }
         }
     }
 
     /// Adjusts what hangs together and takes over its poses; a photo whose matches are then mostly disputed loses them and its
-    /// place, and the rest is adjusted again.
+    /// place, and the rest is adjusted again from where it stands.
     fn adjust(&mut self) -> Result<AdjustReport> {
         loop {
             let joined = self
@@ -211,12 +215,12 @@ impl<'a> Placing<'a> {
             self.shared = adjusted.shared;
             let shares = pair_shares(&tracks, &adjusted.poses, &self.solver.survey.config.camera.camera, DISPUTED_PX);
             let newly = self.newly_disputed(&shares);
-            if newly.is_empty() {
-                self.update_views(&adjusted.poses);
-                return Ok(adjusted.report);
-            }
-            for photo in newly {
+            for &photo in &newly {
                 self.forget(photo);
+            }
+            self.update_views(&adjusted.poses);
+            if newly.is_empty() {
+                return Ok(adjusted.report);
             }
         }
     }
@@ -238,9 +242,10 @@ impl<'a> Placing<'a> {
         (0..counts.len()).filter(is_new).collect()
     }
 
-    /// Takes a photo's matches away.
+    /// Takes a photo's matches and its place away.
     fn forget(&mut self, photo: usize) {
         self.disputed[photo] = true;
+        self.placed[photo] = false;
         self.tracks.retain(|_, seen| {
             seen.retain(|seen| seen.photo as usize != photo);
             seen.len() >= 2
@@ -272,54 +277,56 @@ impl<'a> Placing<'a> {
         let wanted = |photos: [usize; 2]| {
             photos.iter().all(|&photo| placed[photo]) && !tried.contains(&photos.map(|photo| photo as u32))
         };
-        let round = self.round(&views, config, &wanted, progress);
+        let round = self.round(&views, &|photo| photo, config, &wanted, progress);
         let any = round.pairs.iter().any(|pair| pair.kept);
-        self.take(round, |_| true);
+        self.take(round, &|photo| photo, |_| true);
         any
     }
 
-    /// Tries every guess about the lost photos' tags against the placed photos. Tells if one was believed.
+    /// Tries every guess about the lost photos' tags against the placed photos, all in one round. Tells if one was believed.
     fn seek_lost(&mut self, config: &MatchConfig, progress: &StageProgress) -> bool {
         let is_lost = |photo: usize| !self.placed[photo] && !self.unusable.contains(&(photo as u32));
         let lost: Vec<bool> = (0..self.placed.len()).map(is_lost).collect();
         if !self.tagged || !lost.contains(&true) || !self.placed.contains(&true) {
             return false;
         }
-        let placed = self.placed.clone();
-        let wanted = |[a, b]: [usize; 2]| (lost[a] && placed[b]) || (lost[b] && placed[a]);
-        // A wide window that did not find anything once is not tried a second time.
-        let config = MatchConfig { widen: 1.0, ..config.clone() };
-        let mut tried = Vec::new();
-        for guess in GUESSES {
-            let (raw, tags) = self.guessed(&lost, guess);
-            let views = self.guessed_views(&lost, &tags, guess);
-            let round = self.round(&views, &config, &wanted, progress);
-            tried.push((guess, raw, round));
-        }
-        let best = best_guesses(&lost, &tried);
-        for (photo, guess) in best.iter().enumerate() {
-            let captures = match guess {
-                Some(Guess::Slipped(by)) => Some(*by as i32),
-                Some(Guess::Between) if self.raw[photo].is_some() => None,
-                _ => continue,
-            };
-            self.slips.push(TagSlip { photo: photo as u32, captures });
-        }
-        let any = best.iter().any(Option::is_some);
-        for (guess, raw, round) in tried {
-            let believed = |photo: usize| best[photo] == Some(guess);
-            for photo in (0..raw.len()).filter(|&photo| believed(photo)) {
-                self.raw[photo] = raw[photo];
+        let guessed = GUESSES.map(|guess| self.guessed(&lost, guess));
+        let (mut trials, mut views) = (Vec::new(), Vec::new());
+        for photo in 0..lost.len() {
+            if lost[photo] {
+                trials.extend((0..GUESSES.len()).map(|guess| Trial { photo, guess: Some(guess) }));
+                views.extend(guessed.iter().map(|guessed| guessed.views[photo]));
+            } else if self.placed[photo] {
+                trials.push(Trial { photo, guess: None });
+                views.push(self.views[photo]);
             }
-            let accepted = |[a, b]: [usize; 2]| believed(a) || believed(b);
-            self.take(round, accepted);
         }
+        let wanted = |[a, b]: [usize; 2]| trials[a].guess.is_some() != trials[b].guess.is_some();
+        // A wide window that did not find anything once is not tried a second time.
+        let max_partners = config.max_partners * GUESSES.len();
+        let config = MatchConfig { widen: 1.0, max_partners, ..config.clone() };
+        let photo_of = |view: usize| trials[view].photo;
+        let round = self.round(&views, &photo_of, &config, &wanted, progress);
+        let best = best_guesses(lost.len(), &trials, &round.pairs);
+        let believed = |view: usize| trials[view].guess.is_some_and(|guess| best[trials[view].photo] == Some(guess));
+        for (photo, guess) in best.iter().enumerate() {
+            let Some(guess) = *guess else { continue };
+            match GUESSES[guess] {
+                Guess::Slipped(by) => self.slips.push(TagSlip { photo: photo as u32, captures: Some(by as i32) }),
+                Guess::Between if self.raw[photo].is_some() => {
+                    self.slips.push(TagSlip { photo: photo as u32, captures: None });
+                }
+                Guess::Between | Guess::Uncertain => {}
+            }
+            self.raw[photo] = guessed[guess].raw[photo];
+        }
+        self.take(round, &photo_of, |[a, b]| believed(a) || believed(b));
         self.tags = self.solver.tag_priors(&self.raw);
-        any
+        best.iter().any(Option::is_some)
     }
 
-    /// The tags under a guess about the lost photos.
-    fn guessed(&self, lost: &[bool], guess: Guess) -> (Vec<Option<CaptureTag>>, Vec<TagPrior>) {
+    /// Tags and views under a guess about the lost photos.
+    fn guessed(&self, lost: &[bool], guess: Guess) -> Guessed {
         let of_photo = |photo: usize| match guess {
             _ if !lost[photo] => self.raw[photo],
             Guess::Uncertain => self.raw[photo],
@@ -329,13 +336,7 @@ impl<'a> Placing<'a> {
             }
         };
         let raw: Vec<Option<CaptureTag>> = (0..lost.len()).map(of_photo).collect();
-        let tags = self.solver.tag_priors(&raw);
-        (raw, tags)
-    }
-
-    /// The photos' views under a guess about the lost ones.
-    fn guessed_views(&self, lost: &[bool], tags: &[TagPrior], guess: Guess) -> Vec<ViewPose> {
-        let prior = self.solver.views(tags, &self.shared);
+        let prior = self.solver.views(&self.solver.tag_priors(&raw), &self.shared);
         let placed: Vec<usize> = (0..lost.len()).filter(|&photo| self.placed[photo]).collect();
         let moved =
             |photo: usize| self.views[photo].tunnel_from_cam.translation.x - prior[photo].tunnel_from_cam.translation.x;
@@ -350,8 +351,21 @@ impl<'a> Placing<'a> {
             }
             view
         };
-        (0..lost.len()).map(view).collect()
+        let views = (0..lost.len()).map(view).collect();
+        Guessed { raw, views }
     }
+}
+
+/// What a guess about the lost photos makes of the tags and views of all.
+struct Guessed {
+    raw: Vec<Option<CaptureTag>>,
+    views: Vec<ViewPose>,
+}
+
+/// A view in the round that looks for lost photos: of a placed photo, or of a lost one under a guess, by its number.
+struct Trial {
+    photo: usize,
+    guess: Option<usize>,
 }
 
 /// The pair holds its photos together.
@@ -399,26 +413,22 @@ fn beside(prior: &[ViewPose], photo: usize, placed: &[usize], moved: impl Fn(usi
     view
 }
 
-/// For every lost photo the guess that its matches believe.
-fn best_guesses(lost: &[bool], tried: &[(Guess, Vec<Option<CaptureTag>>, MatchRound)]) -> Vec<Option<Guess>> {
-    let evidence: Vec<Vec<[u32; 2]>> = tried
-        .iter()
-        .map(|(_, _, round)| {
-            let mut evidence = vec![[0; 2]; lost.len()];
-            for pair in round.pairs.iter().filter(|pair| is_joined(pair)) {
-                for photo in [pair.first as usize, pair.second as usize].into_iter().filter(|&photo| lost[photo]) {
-                    evidence[photo][0] += pair.agreeing;
-                    evidence[photo][1] += 1;
-                }
-            }
-            evidence
-        })
-        .collect();
-    let best = |photo: usize| {
-        let of_guess = |guess: usize| evidence[guess][photo];
-        let guess = (0..tried.len()).rev().max_by_key(|&guess| of_guess(guess)[0])?;
-        let [agreeing, pairs] = of_guess(guess);
-        (lost[photo] && agreeing >= LEAST_AGREEING && pairs >= 2).then(|| tried[guess].0)
+/// For every photo the guess, by its number, that its matches believe; `pairs` are between `trials`.
+fn best_guesses(photos: usize, trials: &[Trial], pairs: &[PairReport]) -> Vec<Option<usize>> {
+    // Agreeing matches and joined pairs.
+    let mut evidence = vec![[[0; 2]; GUESSES.len()]; photos];
+    for pair in pairs.iter().filter(|pair| is_joined(pair)) {
+        for view in [pair.first, pair.second] {
+            let Trial { photo, guess: Some(guess) } = trials[view as usize] else { continue };
+            let [agreeing, joined] = &mut evidence[photo][guess];
+            *agreeing += pair.agreeing;
+            *joined += 1;
+        }
+    }
+    let best = |of_guess: &[[u32; 2]; GUESSES.len()]| {
+        let guess = (0..GUESSES.len()).rev().max_by_key(|&guess| of_guess[guess][0])?;
+        let [agreeing, pairs] = of_guess[guess];
+        (agreeing >= LEAST_AGREEING && pairs >= 2).then_some(guess)
     };
-    (0..lost.len()).map(best).collect()
+    evidence.iter().map(best).collect()
 }

@@ -1,8 +1,9 @@
 //! From tags and photos to poses: prior, coarse round, fine round, adjustment with pruning.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use adit_geometry::profile::{Profile, ProfileSpec};
+use adit_geometry::profile::Profile;
 use adit_geometry::rig::{ImageUp, Rig};
 use adit_protocol::mission::Sigma;
 use adit_protocol::tag::CaptureTag;
@@ -11,16 +12,17 @@ use nalgebra::{Isometry3, Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::groups::registered;
-use super::photos::{SurveyPhotos, size_of};
+use super::photos::{KeptPhotos, SurveyPhotos, size_of};
 use super::placing::Placing;
 use super::progress::StageProgress;
+use super::stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary};
 use super::tag_noise::TagNoise;
-use super::warnings::{Judged, Warning};
+use super::warnings::Judged;
 use crate::adjust::{
-    AdjustReport, Adjusted, Covariances, Loss as AdjustLoss, Observation, PhotoQuality, Problem, PruneCounts, Pruning,
-    Shared, SharedSigmas, Tracks, Weights, adjust, photo_qualities, prune,
+    Adjusted, Covariances, Loss as AdjustLoss, Observation, PhotoQuality, Problem, PruneCounts, Pruning, Shared,
+    SharedSigmas, Tracks, Weights, adjust, photo_qualities, prune,
 };
-use crate::matching::{MatchConfig, MatchRound, PairReport, ViewPose, match_round};
+use crate::matching::{MatchConfig, MatchRound, Photos, Pixels, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction};
 use crate::prior::{PriorModel, SizeEstimate, TagPrior, estimate_size, prior_views, tag_priors};
 use crate::raster::Mask;
@@ -81,121 +83,13 @@ impl Default for SolveOptions {
     }
 }
 
-/// Poses as the tags alone give them.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct PriorStage {
-    /// What the tags say, one per photo.
-    pub tags: Vec<TagPrior>,
-    /// Poses and their uncertainty, one per photo.
-    pub views: Vec<ViewPose>,
-    /// The section's size by the ranges.
-    pub size: Option<SizeEstimate>,
-    /// The section that is used from here on: the nominal one, or of the size that the ranges gave where they contradict it.
-    pub profile: ProfileSpec<f64>,
-    /// The poses come from tags, not from the photos' features.
-    pub tagged: bool,
-    /// Photos whose features found no place.
-    pub losses: Vec<Loss>,
-}
-
-/// Poses after a round of matching and an adjustment.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct CoarseStage {
-    /// Poses and their uncertainty, one per photo.
-    pub views: Vec<ViewPose>,
-    /// Photos that hang together; the others stand by their tags.
-    pub placed: Vec<bool>,
-    /// Tags as they are believed now.
-    pub tags: Vec<TagPrior>,
-    /// Photos whose tag turned out to be wrong.
-    pub slips: Vec<TagSlip>,
-    /// What all photos share.
-    pub shared: Shared,
-    /// The rounds.
-    pub round: RoundSummary,
-    /// The last adjustment.
-    pub adjustment: AdjustReport,
-    /// Photos that could not be read.
-    pub losses: Vec<Loss>,
-}
-
-/// A tag that its photo's matches contradict.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TagSlip {
-    /// The photo.
-    pub photo: u32,
-    /// The tag that fits is that of so many captures later; `None` if none fits and the photo was placed without one.
-    pub captures: Option<i32>,
-}
-
-/// Matches of the fine round, as points with sightings.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct MatchStage {
-    /// Points with their first position and sightings.
-    pub tracks: Tracks,
-    /// The round.
-    pub round: RoundSummary,
-}
-
-/// The adjusted survey.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct AdjustStage {
-    /// Poses and points.
-    pub reconstruction: Reconstruction,
-    /// What all photos share.
-    pub shared: Shared,
-    /// What a person should know before trusting the poses.
-    pub warnings: Vec<Warning>,
-    /// Before pruning.
-    pub first: AdjustReport,
-    /// After pruning.
-    pub last: AdjustReport,
-    /// What was pruned.
-    pub pruned: PruneCounts,
-}
-
-/// Figures of a round of matching.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct RoundSummary {
-    /// Pairs of photos that should overlap.
-    pub pairs_expected: usize,
-    /// Pairs whose matches agree.
-    pub pairs_kept: usize,
-    /// Pairs searched again in a wider window.
-    pub pairs_widened: usize,
-    /// Names of pairs that should overlap but gave nothing usable, or of which less than half agrees.
-    pub doubtful: Vec<(String, String)>,
-    /// Sightings of reference points in other photos.
-    pub matches: usize,
-    /// Reference points that at least one other photo found.
-    pub points: usize,
-}
-
-impl RoundSummary {
-    pub(super) fn new(pairs: &[PairReport], tracks: &Tracks, survey: &Survey) -> Self {
-        let name = |photo: u32| survey.photos[photo as usize].name.clone();
-        let count = |test: fn(&PairReport) -> bool| pairs.iter().filter(|pair| test(pair)).count();
-        Self {
-            pairs_expected: pairs.len(),
-            pairs_kept: count(|pair| pair.kept),
-            pairs_widened: count(|pair| pair.widened),
-            doubtful: pairs
-                .iter()
-                .filter(|pair| pair.is_doubtful())
-                .map(|pair| (name(pair.first), name(pair.second)))
-                .collect(),
-            matches: tracks.observations().len() - tracks.len(),
-            points: tracks.len(),
-        }
-    }
-}
-
 /// What all pose stages share.
 pub struct Solver<'a> {
     pub(crate) survey: &'a Survey,
     /// The section in use.
     pub(super) profile: Profile<f64>,
     options: SolveOptions,
+    photos: Arc<KeptPhotos>,
 }
 
 impl<'a> Solver<'a> {
@@ -205,7 +99,7 @@ impl<'a> Solver<'a> {
     /// If the survey's section cannot be built.
     pub fn new(survey: &'a Survey, options: SolveOptions) -> Result<Self> {
         let profile = survey.config.profile.build().context("survey.toml: [tunnel]")?;
-        Ok(Self { survey, profile, options })
+        Ok(Self { survey, profile, options, photos: Arc::new(KeptPhotos::new(survey)) })
     }
 
     /// The same with the section that the prior stage chose.
@@ -276,7 +170,8 @@ impl<'a> Solver<'a> {
         let size = estimate_size(&tags, &self.profile, config.sigma.range_m);
         let factor = size.filter(SizeEstimate::contradicts_nominal).map_or(1.0, |size| size.factor);
         let profile = config.profile.scaled(factor);
-        let resized = Self { profile: profile.build().context("the section")?, ..*self };
+        let resized =
+            Self { profile: profile.build().context("the section")?, photos: Arc::clone(&self.photos), ..*self };
         let views = resized.views(&tags, &self.shared_prior());
         Ok(PriorStage { tags, views, size, profile, tagged: true, losses: Vec::new() })
     }
@@ -333,7 +228,7 @@ impl<'a> Solver<'a> {
     pub fn fine(&self, coarse: &CoarseStage, progress: &StageProgress) -> MatchStage {
         let config = MatchConfig::fine(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
         let wanted = |photos: [usize; 2]| photos.iter().all(|&photo| coarse.placed[photo]);
-        let (round, _) = self.round(&coarse.views, &config, &wanted, progress);
+        let (round, _) = self.round(&coarse.views, &|photo| photo, &config, &wanted, progress);
         let summary = RoundSummary::new(&round.pairs, &round.tracks, self.survey);
         MatchStage { tracks: round.tracks, round: summary }
     }
@@ -453,12 +348,13 @@ impl<'a> Solver<'a> {
         let mut masked = vec![false; seen.len()];
         let mut held: Option<(PathBuf, Mask)> = None;
         for group in by_photo.chunk_by(|&a, &b| seen[a as usize].photo == seen[b as usize].photo) {
-            let photo = &self.survey.photos[seen[group[0] as usize].photo as usize];
-            let Some(path) = &photo.mask else { continue };
-            if held.as_ref().is_none_or(|(known, _)| known != path) {
+            let photo = seen[group[0] as usize].photo as usize;
+            let Some(path) = &self.survey.photos[photo].mask else { continue };
+            let kept = self.photos.mask(photo);
+            if kept.is_none() && held.as_ref().is_none_or(|(known, _)| known != path) {
                 held = Some((path.clone(), load_mask(path, size_of(self.survey))?));
             }
-            let Some((_, mask)) = &held else { continue };
+            let Some(mask) = kept.or(held.as_ref().map(|(_, mask)| mask)) else { continue };
             for &index in group {
                 masked[index as usize] = hides(mask, seen[index as usize].pixel);
             }
@@ -504,19 +400,36 @@ impl<'a> Solver<'a> {
         }
     }
 
+    /// A round of matching over `views`; `photo_of` tells which photo each is of.
     pub(super) fn round(
         &self,
         views: &[ViewPose],
+        photo_of: &(dyn Fn(usize) -> usize + Sync),
         config: &MatchConfig,
         wanted: &dyn Fn([usize; 2]) -> bool,
         progress: &StageProgress,
     ) -> (MatchRound, Vec<Loss>) {
-        let photos = SurveyPhotos::new(self.survey, self.options.prune_mask);
+        let photos = SurveyPhotos::new(self.survey, &self.photos, self.options.prune_mask);
         let camera = &self.survey.config.camera.camera;
-        let round = match_round(&self.profile, camera, views, &photos, config, wanted, &|done| progress.set(done));
+        progress.restart(views.len());
+        let views_photos = ViewsPhotos { photos: &photos, photo_of };
+        let round =
+            match_round(&self.profile, camera, views, &views_photos, config, wanted, &|done| progress.set(done));
         let name = |photo: usize| self.survey.photos[photo].path.display().to_string();
         let losses = photos.faults().into_iter().map(|(photo, why)| Loss::new(name(photo), why)).collect();
         (round, losses)
+    }
+}
+
+/// Photos by the number of a view.
+struct ViewsPhotos<'a> {
+    photos: &'a SurveyPhotos<'a>,
+    photo_of: &'a (dyn Fn(usize) -> usize + Sync),
+}
+
+impl Photos for ViewsPhotos<'_> {
+    fn load(&self, view: usize) -> Option<Pixels<'_>> {
+        self.photos.load((self.photo_of)(view))
     }
 }
 

@@ -9,7 +9,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::groups::pair_shares;
-use super::solve::{CoarseStage, PriorStage, RoundSummary, Solver};
+use super::solve::Solver;
+use super::stages::{CoarseStage, PriorStage, RoundSummary};
 use super::tag_noise::TagNoise;
 use crate::adjust::Problem;
 use crate::poses::{PhotoPose, PoseStatus};

@@ -184,13 +184,6 @@ pub fn prior_views(tags: &[TagPrior], model: &PriorModel<'_>) -> Vec<ViewPose> {
         .collect()
 }
 
-/// The poses of [`prior_views`] alone, mounting as in the rig.
-pub fn prior_poses(tags: &[TagPrior], rig: &Rig<f64>, profile: &Profile<f64>, range_m: f64) -> Vec<Isometry3<f64>> {
-    let sigma = Sigma { range_m, ..Sigma::default() };
-    let model = PriorModel { rig, profile, sigma: &sigma, odometer_factor: 1.0, unknown_step_m: 0.0 };
-    prior_views(tags, &model).into_iter().map(|view| view.tunnel_from_cam).collect()
-}
-
 /// A photo's place along the axis, metres.
 #[derive(Clone, Copy, Debug)]
 struct Station {

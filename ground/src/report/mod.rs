@@ -149,12 +149,17 @@ fn page(input: &ReportInput<'_>, report: &Report<'_>, out: &Path) -> Result<Stri
     // The name's ending turns HTML escaping on for every value.
     environment.add_template("report.html", include_str!("report.html"))?;
     let grid = &input.texture.grid;
+    let surface = figures_of(input.stages, "surface");
+    // A picture that an earlier run left says nothing of this one.
+    let relief = (!surface.is_null()).then(|| picture::map(&out.join("relief.png"), PICTURE_PX)).transpose()?;
     let figures = json!({
         "report": report,
         "texture": input.texture,
         "holes": input.texture.coverage.holes.iter().take(LISTED_HOLES).collect::<Vec<_>>(),
         "panorama": picture::panorama(grid, &out.join("panorama/tiles"), PICTURE_PX)?,
         "coverage_picture": picture::map(&out.join("coverage.png"), PICTURE_PX)?,
+        "surface": surface,
+        "relief_picture": relief,
         "coverage_colours": crate::texture::COVERAGE_COLOURS,
         "track_svg": figures::track_svg(&input.reconstruction.poses),
         "section_svg": figures::section_svg(&profile, &input.reconstruction.poses),

@@ -13,7 +13,7 @@ use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::{PhotoError, Size};
-use crate::raster::{Grey, Raster, Rgb8};
+use crate::raster::{Grey, Luma, Raster, Rgb8};
 
 /// The end-of-image marker is looked for in so many bytes before a whole file is searched.
 const TAIL_BYTES: u64 = 64 * 1024;
@@ -62,7 +62,7 @@ pub fn decode_rgb(path: &Path, expected: Size) -> Result<Rgb8, PhotoError> {
 ///
 /// # Errors
 /// As [`decode_rgb`].
-pub fn decode_luma(path: &Path, expected: Size) -> Result<Raster<u8, 1>, PhotoError> {
+pub fn decode_luma(path: &Path, expected: Size) -> Result<Luma, PhotoError> {
     let data = decode(path, expected, ColorSpace::Luma)?;
     Ok(Raster { width: expected.width_px as usize, height: expected.height_px as usize, data })
 }

@@ -27,10 +27,13 @@ pub fn load_mask(path: &Path, expected: Size) -> Result<Mask, MaskError> {
         png::ColorType::GrayscaleAlpha | png::ColorType::Rgba => channels - 1,
         _ => channels,
     };
-    let data = samples
-        .chunks_exact(channels)
-        .map(|pixel| if pixel.iter().take(colours).any(|&sample| sample > 0) { 255 } else { 0 })
-        .collect();
+    let shown = |shown: bool| if shown { 255 } else { 0 };
+    let data = if channels == 1 {
+        // Almost every mask; a loop of its own because it becomes vectors.
+        samples.iter().map(|&sample| shown(sample > 0)).collect()
+    } else {
+        samples.chunks_exact(channels).map(|pixel| shown(pixel[..colours].iter().any(|&sample| sample > 0))).collect()
+    };
     Ok(Raster { width: expected.width_px as usize, height: expected.height_px as usize, data })
 }
 

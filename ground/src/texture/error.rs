@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::surface::SurfaceError;
+
 /// Failure of the texture stage. A single bad photo is not one: it is named in the report's losses.
 #[derive(Debug, thiserror::Error)]
 pub enum TextureError {
@@ -41,6 +43,9 @@ pub enum TextureError {
     /// The section of the reconstruction is not a profile.
     #[error("the reconstruction's section: {0}")]
     Profile(#[from] adit_geometry::profile::ProfileError),
+    /// The measured wall cannot be read.
+    #[error(transparent)]
+    Surface(Box<SurfaceError>),
     /// The asked-for resolution makes no sense.
     #[error(
         "mm_per_px is {found}; expected a positive number of at least {least:.3} (the panorama would be {width_px:.0} px wide)"
@@ -59,6 +64,12 @@ pub enum TextureError {
         /// How many photos there are.
         photos: usize,
     },
+}
+
+impl From<SurfaceError> for TextureError {
+    fn from(error: SurfaceError) -> Self {
+        Self::Surface(Box::new(error))
+    }
 }
 
 /// Attaches the path to an I/O error.

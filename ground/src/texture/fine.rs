@@ -9,7 +9,7 @@ use super::sample::Mips;
 use super::tone::ToneCurve;
 use super::usable::Usable;
 use super::view::View;
-use adit_geometry::profile::Profile;
+use crate::surface::SurfaceWindow;
 use nalgebra::Vector3;
 
 /// Weights below are nothing: they would only cost time.
@@ -19,6 +19,8 @@ const LEAST_WEIGHT: f32 = 1e-3;
 pub(super) struct TexelRows<'a> {
     pub(super) grid: &'a PanoramaGrid,
     pub(super) mid: Lattice,
+    /// The wall of these rows.
+    pub(super) surface: &'a SurfaceWindow<'a>,
     /// First texel row.
     pub(super) v0: usize,
 }
@@ -28,6 +30,12 @@ impl TexelRows<'_> {
     fn row(&self, line: usize) -> (f64, f64) {
         let x_m = self.grid.x_m((self.v0 + line) as f64 + 0.5);
         (x_m, (x_m - self.mid.x0_m) / self.mid.step_x_m - 0.5)
+    }
+
+    /// Heights of the wall at a texel row, per texel.
+    fn heights_m(&self, x_m: f64) -> Vec<f64> {
+        let line = self.surface.line(x_m);
+        (0..self.grid.width_px).map(|texel| line.at(self.grid.s_m(texel as f64 + 0.5))).collect()
     }
 
     /// Position of a texel column on the mid lattice's columns (index position).
@@ -57,6 +65,8 @@ struct Tap {
     share: f32,
     /// The wall at x = 0 in the camera frame.
     in_cam: Vector3<f64>,
+    /// The wall's normal in the camera frame.
+    inwards: Vector3<f64>,
 }
 
 impl<'a> FineSource<'a> {
@@ -65,7 +75,6 @@ impl<'a> FineSource<'a> {
         layer: &'a Layer,
         shares: &'a Shares,
         photo: (&'a Mips, &'a ToneCurve, &'a Usable),
-        profile: &Profile<f64>,
         texels: &TexelRows,
     ) -> Self {
         let (mips, curve, usable) = photo;
@@ -79,12 +88,13 @@ impl<'a> FineSource<'a> {
                 let mid = position.floor();
                 let inside = mid >= 0.0 && (mid as usize) + 1 < region.columns;
                 inside.then(|| {
-                    let wall = wall_at(profile, texels.grid.s_m(texel as f64 + 0.5));
+                    let wall = wall_at(texels.surface.profile(), texels.grid.s_m(texel as f64 + 0.5));
                     Tap {
                         texel: texel.rem_euclid(texels.grid.width_px as i64) as usize,
                         mid: mid as usize,
                         share: (position - mid) as f32,
                         in_cam: view.section_in_cam(wall.point),
+                        inwards: view.turned_into_cam(&Vector3::new(0.0, wall.normal.x, wall.normal.y)),
                     }
                 })
             })
@@ -93,7 +103,7 @@ impl<'a> FineSource<'a> {
     }
 
     /// Adds the photo's detail to one row of texels; the fourth number gathers the weight.
-    fn add_row(&self, x_m: f64, mid_position: f64, texels: &mut [Rgbx]) {
+    fn add_row(&self, x_m: f64, heights_m: &[f64], mid_position: f64, texels: &mut [Rgbx]) {
         let shares = self.shares;
         let floor = mid_position.floor();
         let (row, down) = (floor as i64, (mid_position - floor) as f32);
@@ -123,7 +133,8 @@ impl<'a> FineSource<'a> {
             if weight <= LEAST_WEIGHT {
                 continue;
             }
-            let Some(pixel) = self.view.camera.project(&(tap.in_cam + offset)) else { continue };
+            let in_cam = tap.in_cam + offset + tap.inwards * heights_m[tap.texel];
+            let Some(pixel) = self.view.camera.project(&in_cam) else { continue };
             let (u, v) = (pixel.x as f32, pixel.y as f32);
             if self.usable.clearance_px(u, v) <= 0.0 {
                 continue;
@@ -144,8 +155,9 @@ impl<'a> FineSource<'a> {
 pub(super) fn add_detail(sources: &[FineSource], texels: &TexelRows, detail: &mut [Rgbx]) {
     detail.par_chunks_mut(texels.grid.width_px).enumerate().for_each(|(line, row)| {
         let (x_m, position) = texels.row(line);
+        let heights_m = texels.heights_m(x_m);
         for source in sources {
-            source.add_row(x_m, position, row);
+            source.add_row(x_m, &heights_m, position, row);
         }
     });
 }

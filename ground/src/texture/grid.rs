@@ -90,7 +90,7 @@ pub fn profile_json(profile: &ProfileSpec<f64>) -> Value {
 }
 
 /// Square cells over the unrolled wall; a whole number of cells goes around, columns wrap.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Lattice {
     /// Width of a cell around the wall.
     pub(crate) step_s_m: f64,
@@ -174,17 +174,17 @@ impl Region {
 
 /// One place around the wall.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct WallPoint {
+pub(crate) struct WallPoint {
     /// `[y, z]`.
-    pub(super) point: SectionVector<f64>,
+    pub(crate) point: SectionVector<f64>,
     /// Unit vector along growing arc length.
-    pub(super) tangent: SectionVector<f64>,
+    pub(crate) tangent: SectionVector<f64>,
     /// Unit normal, inwards.
-    pub(super) normal: SectionVector<f64>,
+    pub(crate) normal: SectionVector<f64>,
 }
 
 /// Returns the wall at arc length `s_m`.
-pub(super) fn wall_at(profile: &Profile<f64>, s_m: f64) -> WallPoint {
+pub(crate) fn wall_at(profile: &Profile<f64>, s_m: f64) -> WallPoint {
     let (point, normal) = profile
         .at(s_m)
         .map_or((SectionVector::zeros(), SectionVector::new(0.0, 1.0)), |surface| (surface.point, surface.normal));

@@ -1,13 +1,12 @@
 //! One photo laid on the wall, at the two resolutions on which photos are blended.
 
-use adit_geometry::profile::Profile;
-
 use super::grid::{Lattice, MID_PER_COARSE, Region};
 use super::sample::Mips;
 use super::seams::SEAM_SHARE;
 use super::tone::ToneCurve;
 use super::usable::Usable;
 use super::view::{Footprint, Sight, View};
+use crate::surface::SurfaceWindow;
 
 /// A photo takes no part where its quality is below this share of the best photo's.
 const USEFUL_SHARE: f32 = 0.5;
@@ -69,14 +68,14 @@ impl Layer {
     pub(super) fn new(
         source: &LayerSource,
         useful: &Useful,
-        profile: &Profile<f64>,
+        surface: &SurfaceWindow,
         coarse: &Lattice,
         texel_m: f64,
     ) -> Self {
         let region = useful.region;
         let mid = coarse.finer();
         let mid_region = region.finer();
-        let sights = source.view.sights(profile, source.usable, &mid, &mid_region);
+        let sights = source.view.sights(surface, source.usable, &mid, &mid_region);
         let mid_m = mid.step_s_m as f32;
         let mut colour: Vec<Rgbx> =
             sights.iter().map(|sight| if sight.score > 0.0 { shade(source, sight, mid_m) } else { [0.0; 4] }).collect();
@@ -108,11 +107,11 @@ pub(super) fn useful(
     view: &View,
     footprint: &Footprint,
     usable: &Usable,
-    profile: &Profile<f64>,
+    surface: &SurfaceWindow,
     best: &BestScores,
 ) -> Option<Useful> {
     let whole = footprint.region(best.lattice);
-    let sights = view.sights(profile, usable, best.lattice, &whole);
+    let sights = view.sights(surface, usable, best.lattice, &whole);
     let share = |column: usize, row: usize| {
         let score = sights[row * whole.columns + column].score;
         let at = (whole.row0 + row) * best.lattice.columns + best.lattice.wrap(whole.column0 + column as i64);

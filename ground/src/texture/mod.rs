@@ -38,14 +38,17 @@ pub(crate) use coverage::{COVERAGE_COLOURS, measure, picture};
 pub use coverage::{Coverage, Hole, clock_position};
 pub use error::TextureError;
 pub(crate) use error::at_path;
-pub(crate) use grid::Lattice;
+pub(crate) use grid::{Lattice, WallPoint, wall_at};
 pub use grid::{PanoramaGrid, profile_json};
 pub use sink::Sheet;
 pub use steps::Seams;
 pub use tiles::{PixelBox, Rgba8, TILE_PX, TileReader};
 pub(crate) use tiles::{read_png, write_png};
+pub(crate) use usable::Usable;
+pub(crate) use view::{Footprint, View};
 
 use crate::poses::Reconstruction;
+use crate::surface::SurfaceStore;
 use crate::survey::{Loss, Survey};
 use cache::Cache;
 use scout::{Candidate, Scouted};
@@ -131,7 +134,7 @@ pub struct TextureReport {
     pub panorama_s: f64,
 }
 
-/// Textures the wall: writes `panorama/`, `sheets/`, `coverage.json` and `coverage.png` below `out`.
+/// Textures the wall `surface`: writes `panorama/`, `sheets/`, `coverage.json` and `coverage.png` below `out`.
 ///
 /// `panorama/panorama.json` is written last: where it is, the rest is whole.
 ///
@@ -141,6 +144,7 @@ pub struct TextureReport {
 pub fn build(
     survey: &Survey,
     reconstruction: &Reconstruction,
+    surface: &SurfaceStore,
     options: &TextureOptions,
     out: &Path,
     progress: &(dyn Fn(TextureProgress) + Sync),
@@ -153,7 +157,7 @@ pub fn build(
     let coarse = lattice(&candidates, &profile).ok_or_else(nothing_seen)?;
     progress(TextureProgress::Total(candidates.len()));
     let step = || progress(TextureProgress::Step);
-    let mut scouted = scout::scout(&candidates, &profile, &coarse, options.cache_bytes, &mut losses, &step);
+    let mut scouted = scout::scout(&candidates, surface, &coarse, options.cache_bytes, &mut losses, &step)?;
     let native_mm_per_px = scouted.native_mm_per_px().ok_or_else(nothing_seen)?;
     let rows = scouted.seen_rows(&coarse).ok_or_else(nothing_seen)?;
     let grid = panorama_grid(options, native_mm_per_px, &profile, &coarse, rows)?;
@@ -173,7 +177,7 @@ pub fn build(
         candidates: &candidates,
         good: &scouted.good,
         tones: &tones,
-        profile: &profile,
+        surface,
         coarse: &coarse,
         best: &scouted.best,
         grid: &grid,

@@ -4,12 +4,14 @@ use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
 use super::cache::{Cache, photos_at_once};
+use super::error::TextureError;
 use super::grid::{Lattice, Region};
 use super::sample::Mips;
 use super::tone::{ToneSample, offset};
 use super::usable::Usable;
 use super::view::{Footprint, View};
 use crate::poses::{PoseStatus, Reconstruction};
+use crate::surface::{SurfaceStore, SurfaceWindow};
 use crate::survey::{Loss, Photo, Size, Survey, decode_rgb, load_mask};
 
 /// Quality of a photo that only its tag placed, as a factor: taken only where no other photo is nearly as good.
@@ -85,14 +87,17 @@ pub(super) struct Scouted {
 }
 
 /// Looks at every photo once; keeps decoded photos up to `cache_bytes`.
+///
+/// # Errors
+/// If the measured wall cannot be read.
 pub(super) fn scout(
     candidates: &[Candidate],
-    profile: &Profile<f64>,
+    surface: &SurfaceStore,
     coarse: &Lattice,
     cache_bytes: usize,
     losses: &mut Vec<Loss>,
     tick: &(dyn Fn() + Sync),
-) -> Scouted {
+) -> Result<Scouted, TextureError> {
     let cells = coarse.columns * coarse.rows;
     let mut scouted = Scouted {
         best: vec![0.0; cells],
@@ -106,10 +111,11 @@ pub(super) fn scout(
     let at_once = candidates.first().map_or(1, |first| photos_at_once(first.size(), cache_bytes));
     for first in (0..candidates.len()).step_by(at_once) {
         let batch = first..(first + at_once).min(candidates.len());
+        let window = surface.window(stretch(&candidates[batch.clone()]))?;
         let looks: Vec<_> = batch
             .into_par_iter()
             .map(|index| {
-                let look = look(&candidates[index], index, profile, coarse, stride);
+                let look = look(&candidates[index], index, &window, coarse, stride);
                 tick();
                 (index, look)
             })
@@ -121,7 +127,15 @@ pub(super) fn scout(
             }
         }
     }
-    scouted
+    Ok(scouted)
+}
+
+/// The stretch along the axis that photos show, from and to.
+pub(super) fn stretch<'a>(candidates: impl IntoIterator<Item = &'a Candidate<'a>>) -> [f64; 2] {
+    candidates.into_iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[from_m, to_m], candidate| {
+        let x_m = candidate.footprint.x_m;
+        [from_m.min(x_m[0]), to_m.max(x_m[1])]
+    })
 }
 
 /// One photo's share of [`Scouted`].
@@ -140,7 +154,7 @@ fn sample_stride(region: &Region) -> usize {
 fn look(
     candidate: &Candidate,
     index: usize,
-    profile: &Profile<f64>,
+    surface: &SurfaceWindow,
     coarse: &Lattice,
     stride: usize,
 ) -> Result<Look, Loss> {
@@ -148,7 +162,7 @@ fn look(
     let mips = candidate.mips()?;
     let view = &candidate.view;
     let region = candidate.footprint.region(coarse);
-    let sights = view.sights(profile, &usable, coarse, &region);
+    let sights = view.sights(surface, &usable, coarse, &region);
     let mut samples = Vec::new();
     for (at, sight) in sights.iter().enumerate().filter(|(_, sight)| sight.score > 0.0) {
         let column = coarse.wrap(region.column0 + (at % region.columns) as i64);

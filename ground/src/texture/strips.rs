@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 
-use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
 use super::blend::{Band, HALO_CELLS, Shares, blend};
@@ -15,13 +14,14 @@ use super::fine::{FineSource, TexelRows, add_detail, finish};
 use super::grid::{Lattice, MID_PER_COARSE, PanoramaGrid, wall_at};
 use super::layer::{BestScores, Layer, LayerSource, Rgbx, Useful, useful};
 use super::sample::Mips;
-use super::scout::Candidate;
+use super::scout::{Candidate, stretch};
 use super::seams::Labelling;
 use super::sink::Sinks;
 use super::steps::{SeamSums, SeamView};
 use super::tiles::TILE_PX;
 use super::tone::{ToneCurve, Tones};
 use super::usable::Usable;
+use crate::surface::SurfaceStore;
 use crate::survey::Loss;
 
 /// Rows of a strip: whole rows of tiles.
@@ -33,7 +33,7 @@ pub(super) struct StripJob<'a> {
     /// Photos that can be decoded.
     pub(super) good: &'a [bool],
     pub(super) tones: &'a Tones,
-    pub(super) profile: &'a Profile<f64>,
+    pub(super) surface: &'a SurfaceStore,
     pub(super) coarse: &'a Lattice,
     pub(super) best: &'a [f32],
     pub(super) grid: &'a PanoramaGrid,
@@ -86,7 +86,7 @@ pub(super) fn run(
         let (active, report) = (BTreeMap::new(), StripReport::default());
         let mut pass = Pass { job, active, cache, at_once, labelling: None, report };
         for v0 in (0..job.grid.height_px).step_by(STRIP_ROWS) {
-            let rows = pass.strip(v0, STRIP_ROWS.min(job.grid.height_px - v0));
+            let rows = pass.strip(v0, STRIP_ROWS.min(job.grid.height_px - v0))?;
             if sender.send(rows).is_err() {
                 break;
             }
@@ -110,13 +110,14 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn strip(&mut self, v0: usize, rows: usize) -> Vec<u8> {
+    fn strip(&mut self, v0: usize, rows: usize) -> Result<Vec<u8>, TextureError> {
         let job = self.job;
-        let texels = TexelRows { grid: job.grid, mid: job.coarse.finer(), v0 };
+        let surface = job.surface.window([job.grid.x_m(v0 as f64), job.grid.x_m((v0 + rows) as f64)])?;
+        let texels = TexelRows { grid: job.grid, mid: job.coarse.finer(), surface: &surface, v0 };
         let band = self.band(v0, rows);
         self.forget_before(band.row0);
-        self.approach(&band);
-        self.lay_down(&band);
+        self.approach(&band)?;
+        self.lay_down(&band)?;
         let layers: Vec<(usize, &Active, &Layer)> = self
             .active
             .iter()
@@ -146,14 +147,14 @@ impl Pass<'_> {
                 .filter_map(|(entry, mips)| {
                     let ((index, active, layer), shares): ((usize, &Active, &Layer), &Shares) = *entry;
                     let photo = (&**mips.as_ref()?, &active.curve, &active.usable);
-                    Some(FineSource::new(&job.candidates[index].view, layer, shares, photo, job.profile, &texels))
+                    Some(FineSource::new(&job.candidates[index].view, layer, shares, photo, &texels))
                 })
                 .collect();
             add_detail(&sources, &texels, &mut detail);
         }
         self.report.coloured_px += detail.iter().filter(|texel| texel[3] > 0.0).count() as u64;
         self.labelling = Some(labelling);
-        finish(&detail, &composite, &texels)
+        Ok(finish(&detail, &composite, &texels))
     }
 
     /// Rows of the mid lattice that belong to a strip of texel rows.
@@ -170,7 +171,8 @@ impl Pass<'_> {
     fn unevened(&self, photo: u32, (row, column): (usize, usize), colour: Rgbx) -> Rgbx {
         let index = photo as usize;
         let (view, mid) = (&self.job.candidates[index].view, self.job.coarse.finer());
-        let wall = wall_at(self.job.profile, mid.s_m(column as i64));
+        // Shading changes too slowly for the relief to matter.
+        let wall = wall_at(self.job.surface.profile(), mid.s_m(column as i64));
         let in_cam = view.section_in_cam(wall.point) + view.forward_in_cam() * mid.x_m(row as i64);
         let curve = self.active.get(&index).and_then(Option::as_ref).map(|active| &active.curve);
         match (view.camera.project(&in_cam), curve) {
@@ -202,7 +204,7 @@ impl Pass<'_> {
     }
 
     /// Prepares photos whose footprint reaches the band, without decoding them.
-    fn approach(&mut self, band: &Band) {
+    fn approach(&mut self, band: &Band) -> Result<(), TextureError> {
         let job = self.job;
         let best = BestScores { lattice: job.coarse, scores: job.best };
         let new: Vec<usize> = (0..job.candidates.len())
@@ -212,12 +214,16 @@ impl Pass<'_> {
                 near && job.good[index] && !self.active.contains_key(&index)
             })
             .collect();
+        if new.is_empty() {
+            return Ok(());
+        }
+        let surface = job.surface.window(stretch(new.iter().map(|&index| &job.candidates[index])))?;
         let prepared: Vec<_> = new
             .into_par_iter()
             .map(|index| {
                 let candidate = &job.candidates[index];
                 let active = candidate.usable().map(|usable| {
-                    let useful = useful(&candidate.view, &candidate.footprint, &usable, job.profile, &best)?;
+                    let useful = useful(&candidate.view, &candidate.footprint, &usable, &surface, &best)?;
                     let curve = ToneCurve::new(&candidate.view.camera, job.tones, index);
                     Some(Active { usable, curve, useful, layer: None })
                 });
@@ -231,10 +237,11 @@ impl Pass<'_> {
             });
             self.active.insert(index, active);
         }
+        Ok(())
     }
 
     /// Decodes photos that become useful in the band and lays them on the wall.
-    fn lay_down(&mut self, band: &Band) {
+    fn lay_down(&mut self, band: &Band) -> Result<(), TextureError> {
         let job = self.job;
         let due = |active: &Active| {
             let region = active.useful.region;
@@ -246,6 +253,7 @@ impl Pass<'_> {
             .filter_map(|(&index, active)| active.as_ref().is_some_and(due).then_some(index))
             .collect();
         for batch in new.chunks(self.at_once) {
+            let surface = job.surface.window(stretch(batch.iter().map(|&index| &job.candidates[index])))?;
             let whole: Vec<_> = batch.iter().map(|&index| (index, self.cache.take_whole(index))).collect();
             self.report.decoded += whole.iter().filter(|(_, mips)| mips.is_none()).count();
             let active = &self.active;
@@ -261,7 +269,7 @@ impl Pass<'_> {
                             mips: &mips,
                             curve: &active.curve,
                         };
-                        let layer = Layer::new(&source, &active.useful, job.profile, job.coarse, job.grid.texel_m());
+                        let layer = Layer::new(&source, &active.useful, &surface, job.coarse, job.grid.texel_m());
                         let [from_px, to_px] = active.useful.crop_px;
                         (layer, Arc::new(mips.cropped(from_px, to_px)))
                     });
@@ -282,6 +290,7 @@ impl Pass<'_> {
                 }
             }
         }
+        Ok(())
     }
 }
 

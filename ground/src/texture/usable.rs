@@ -17,7 +17,7 @@ const BORDER_MARGIN_PX: f32 = 0.5;
 const FARTHEST_PX: f32 = 250.0;
 
 /// The usable part of a photo.
-pub(super) struct Usable {
+pub(crate) struct Usable {
     width_px: f32,
     height_px: f32,
     masked: Option<MaskDistance>,
@@ -32,13 +32,13 @@ struct MaskDistance {
 
 impl Usable {
     /// Prepares the lookup. `mask`: 0 = do not use.
-    pub(super) fn new(width_px: u32, height_px: u32, mask: Option<&Mask>) -> Self {
+    pub(crate) fn new(width_px: u32, height_px: u32, mask: Option<&Mask>) -> Self {
         let masked = mask.filter(|mask| mask.data.contains(&0)).map(MaskDistance::new);
         Self { width_px: width_px as f32, height_px: height_px as f32, masked }
     }
 
     /// Distance from a pixel position to the nearest place that must not be used; not positive if it lies there.
-    pub(super) fn clearance_px(&self, u_px: f32, v_px: f32) -> f32 {
+    pub(crate) fn clearance_px(&self, u_px: f32, v_px: f32) -> f32 {
         let border =
             u_px.min(v_px).min(self.width_px - u_px).min(self.height_px - v_px).min(FARTHEST_PX) - BORDER_MARGIN_PX;
         match &self.masked {

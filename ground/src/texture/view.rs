@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Matrix3, Vector2, Vector3};
 
 use super::grid::{Lattice, Region, WallPoint, wall_at};
 use super::usable::Usable;
+use crate::surface::SurfaceWindow;
 
 /// Flattest angle under which a wall is still textured: cosine of the angle of incidence (80 degrees).
 const LEAST_INCIDENCE_COS: f64 = 0.17;
@@ -29,8 +30,8 @@ const EDGE_FLOOR: f32 = 0.02;
 
 /// A photo's camera and pose, made for projecting many wall points.
 #[derive(Clone)]
-pub(super) struct View {
-    pub(super) camera: Camera<f64>,
+pub(crate) struct View {
+    pub(crate) camera: Camera<f64>,
     cam_from_tunnel: Matrix3<f64>,
     centre_in_tunnel: Vector3<f64>,
     /// Factor on the quality: below 1 for poses that are less certain than others.
@@ -40,13 +41,13 @@ pub(super) struct View {
 /// What a photo covers: a box in arc length (not wrapped, around the photo's own middle) and along the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(clippy::struct_field_names, reason = "the unit is part of every name")]
-pub(super) struct Footprint {
-    pub(super) s_m: [f64; 2],
-    pub(super) x_m: [f64; 2],
+pub(crate) struct Footprint {
+    pub(crate) s_m: [f64; 2],
+    pub(crate) x_m: [f64; 2],
     /// Where the optical axis meets the wall, along the axis.
-    pub(super) axis_x_m: f64,
+    pub(crate) axis_x_m: f64,
     /// Photo pixels per metre of wall where the optical axis meets it.
-    pub(super) axis_density_per_m: f64,
+    pub(crate) axis_density_per_m: f64,
 }
 
 /// A place of a lattice as a photo shows it.
@@ -81,23 +82,33 @@ impl Footprint {
 }
 
 impl View {
-    pub(super) fn new(camera: Camera<f64>, tunnel_from_cam: &Isometry3<f64>, trust: f32) -> Self {
+    pub(crate) fn new(camera: Camera<f64>, tunnel_from_cam: &Isometry3<f64>, trust: f32) -> Self {
         let cam_from_tunnel = *tunnel_from_cam.rotation.inverse().to_rotation_matrix().matrix();
         Self { camera, cam_from_tunnel, centre_in_tunnel: tunnel_from_cam.translation.vector, trust }
     }
 
     /// A wall point at x = 0 in the camera frame; [`Self::forward_in_cam`] times x is to be added.
-    pub(super) fn section_in_cam(&self, point: SectionVector<f64>) -> Vector3<f64> {
+    pub(crate) fn section_in_cam(&self, point: SectionVector<f64>) -> Vector3<f64> {
         self.cam_from_tunnel * (Vector3::new(0.0, point.x, point.y) - self.centre_in_tunnel)
     }
 
     /// The tunnel's x axis in the camera frame.
-    pub(super) fn forward_in_cam(&self) -> Vector3<f64> {
+    pub(crate) fn forward_in_cam(&self) -> Vector3<f64> {
         self.cam_from_tunnel.column(0).into_owned()
     }
 
+    /// A direction of the tunnel frame in the camera frame.
+    pub(crate) fn turned_into_cam(&self, in_tunnel: &Vector3<f64>) -> Vector3<f64> {
+        self.cam_from_tunnel * in_tunnel
+    }
+
+    /// The optical centre in the tunnel frame.
+    pub(crate) fn centre_in_tunnel(&self) -> Vector3<f64> {
+        self.centre_in_tunnel
+    }
+
     /// Finds the box of wall that the photo covers, or `None` if its optical axis meets no wall.
-    pub(super) fn footprint(&self, profile: &Profile<f64>) -> Option<Footprint> {
+    pub(crate) fn footprint(&self, profile: &Profile<f64>) -> Option<Footprint> {
         let (width, height) = (f64::from(self.camera.width_px), f64::from(self.camera.height_px));
         let middle = self.cast(profile, &Vector2::new(width * 0.5, height * 0.5))?;
         let mut hits = vec![middle];
@@ -152,21 +163,26 @@ impl View {
     /// Looks at every cell of `region` (in cells of `lattice`), row by row.
     pub(super) fn sights(
         &self,
-        profile: &Profile<f64>,
+        surface: &SurfaceWindow,
         usable: &Usable,
         lattice: &Lattice,
         region: &Region,
     ) -> Vec<Sight> {
         let columns: Vec<_> = (0..region.columns as i64)
-            .map(|column| self.column(profile, lattice.s_m(region.column0 + column), lattice.step_s_m))
+            .map(|column| self.column(surface.profile(), lattice.s_m(region.column0 + column), lattice.step_s_m))
             .collect();
         let forward = self.forward_in_cam();
         let ramp_px = (f64::from(self.camera.width_px) * EDGE_RAMP_SHARE).min(EDGE_RAMP_MAX_PX) as f32;
         let mut sights = Vec::with_capacity(region.len());
         for row in region.row0..region.row_end() {
             let x_m = lattice.x_m(row as i64);
-            sights.extend(columns.iter().map(|column| {
-                column.as_ref().and_then(|column| self.sight(column, &forward, x_m, usable, ramp_px)).unwrap_or(UNSEEN)
+            let heights = surface.line(x_m);
+            sights.extend(columns.iter().zip(region.column0..).map(|(column, number)| {
+                let sight = column.as_ref().and_then(|column| {
+                    let shift = forward * x_m + column.inwards * heights.at(lattice.s_m(number));
+                    self.sight(column, &forward, &(column.in_cam + shift), usable, ramp_px)
+                });
+                sight.unwrap_or(UNSEEN)
             }));
         }
         sights
@@ -188,17 +204,24 @@ impl View {
         Some(Column {
             in_cam: self.section_in_cam(wall.point),
             around: self.cam_from_tunnel * Vector3::new(0.0, wall.tangent.x, wall.tangent.y),
+            inwards: self.cam_from_tunnel * Vector3::new(0.0, wall.normal.x, wall.normal.y),
             facing_m,
         })
     }
 
-    fn sight(&self, column: &Column, forward: &Vector3<f64>, x_m: f64, usable: &Usable, ramp_px: f32) -> Option<Sight> {
-        let in_cam = column.in_cam + forward * x_m;
+    fn sight(
+        &self,
+        column: &Column,
+        forward: &Vector3<f64>,
+        in_cam: &Vector3<f64>,
+        usable: &Usable,
+        ramp_px: f32,
+    ) -> Option<Sight> {
         let distance_m = in_cam.norm();
         if column.facing_m < LEAST_INCIDENCE_COS * distance_m {
             return None;
         }
-        let (pixel, pixel_from_cam) = self.camera.project_with_jacobian(&in_cam)?;
+        let (pixel, pixel_from_cam) = self.camera.project_with_jacobian(in_cam)?;
         let pixel = [pixel.x as f32, pixel.y as f32];
         let clearance_px = usable.clearance_px(pixel[0], pixel[1]);
         let (least, mean) = densities((pixel_from_cam * column.around).into(), (pixel_from_cam * forward).into());
@@ -223,6 +246,8 @@ struct Hit {
 struct Column {
     in_cam: Vector3<f64>,
     around: Vector3<f64>,
+    /// The wall's normal in the camera frame.
+    inwards: Vector3<f64>,
     /// Distance of the optical centre from the wall's tangent plane.
     facing_m: f64,
 }
@@ -245,6 +270,7 @@ mod tests {
     use nalgebra::Translation3;
 
     use super::*;
+    use crate::surface::SurfaceStore;
 
     fn camera() -> Camera<f64> {
         Camera {
@@ -283,12 +309,13 @@ mod tests {
 
     #[test]
     fn the_wall_behind_the_camera_is_not_seen() {
-        let profile = ProfileSpec::Circle { radius_m: 3.0 }.build().unwrap();
+        let store = SurfaceStore::flat(&ProfileSpec::Circle { radius_m: 3.0 }).unwrap();
+        let profile = store.profile();
         let coarse = Lattice::coarse(profile.perimeter_m(), 0.05, -1.0, 5.0);
         let view = view(0.0);
         let usable = Usable::new(1000, 750, None);
         let all = Region { column0: 0, columns: coarse.columns, row0: 0, rows: coarse.rows };
-        let sights = view.sights(&profile, &usable, &coarse, &all);
+        let sights = view.sights(&store.window([-1.0, 5.0]).unwrap(), &usable, &coarse, &all);
         for (index, sight) in sights.iter().enumerate() {
             let s_m = coarse.s_m((index % coarse.columns) as i64);
             let from_crown_m = s_m.min(profile.perimeter_m() - s_m);

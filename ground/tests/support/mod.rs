@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use adit_geometry::camera::{Camera, Distortion};
 use adit_geometry::profile::{Profile, ProfileSpec};
 use adit_ground::matching::{Pixels, ViewPose};
-use adit_ground::raster::{Grey, Mask};
+use adit_ground::raster::{Luma, Mask};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -72,9 +72,9 @@ fn pixels(folder: &Path, photo: &str) -> Pixels<'static> {
     let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::Luma);
     let bytes = fs::read(folder.join("photos").join(photo)).expect("a photo");
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-    let luma = decoder.decode().expect("a JPEG");
+    let data = decoder.decode().expect("a JPEG");
     let (width, height) = decoder.dimensions().expect("a size");
-    let grey = Grey { width, height, data: luma.iter().map(|&value| f32::from(value)).collect() };
+    let grey = Luma { width, height, data };
     let mask = fs::File::open(folder.join("masks").join(format!("{photo}.png"))).ok().map(|file| {
         let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().expect("a PNG");
         let mut data = vec![0; reader.output_buffer_size().expect("a size")];

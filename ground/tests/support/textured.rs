@@ -4,6 +4,7 @@ use std::fs;
 
 use adit_ground::adjust::{PhotoQuality, Tracks};
 use adit_ground::poses::{PhotoPose, PoseStatus, Reconstruction};
+use adit_ground::surface::SurfaceStore;
 use adit_ground::survey::{self, Survey};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
@@ -20,6 +21,11 @@ pub(crate) fn load_textured(name: &str, count: usize) -> Option<(Survey, Reconst
     let poses = text.lines().skip(1).take(count).map(pose).collect();
     let (camera, profile) = (survey.config.camera.camera, survey.config.profile.clone());
     Some((survey, Reconstruction { poses, tracks: Tracks::default(), camera, profile }))
+}
+
+/// The section itself as the wall.
+pub(crate) fn flat(reconstruction: &Reconstruction) -> SurfaceStore {
+    SurfaceStore::flat(&reconstruction.profile).expect("a section")
 }
 
 fn pose(line: &str) -> PhotoPose {

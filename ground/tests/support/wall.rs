@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use adit_geometry::camera::{Camera, Distortion};
 use adit_geometry::rig::{ImageUp, nominal_rotation};
 use adit_ground::matching::Pixels;
-use adit_ground::raster::Grey;
+use adit_ground::raster::Luma;
 use nalgebra::{Isometry3, Point3, Translation3, Vector2, Vector3};
 use rayon::prelude::*;
 
@@ -70,10 +70,10 @@ impl Wall {
             let from_middle = (pixel - Vector2::from(camera.centre_px)) / camera.focal_px[0];
             let noise = 6.0 * (random(seed, index as i64, 0) - 0.5);
             let light = 190.0 / (1.0 + 0.5 * from_middle.norm_squared());
-            (light * texture(&self.hit(pose, pixel)) + noise).round().clamp(0.0, 255.0) as f32
+            (light * texture(&self.hit(pose, pixel)) + noise).round().clamp(0.0, 255.0) as u8
         };
         let data = (0..width * height).into_par_iter().map(shade).collect();
-        Pixels { grey: Cow::Owned(Grey { width, height, data }), mask: None }
+        Pixels { grey: Cow::Owned(Luma { width, height, data }), mask: None }
     }
 
     fn relief(self, point: &Vector3<f64>) -> f64 {

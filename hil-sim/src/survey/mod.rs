@@ -7,6 +7,7 @@
 mod exposure;
 mod kind;
 mod path;
+mod relief;
 mod tags;
 
 use std::path::Path;
@@ -123,12 +124,14 @@ pub fn make_set(out: &Path, options: &SetOptions, after_each: &(dyn Fn(usize) + 
     write_file(&out.join("tags.csv"), set.tags_csv(&places, options.seed).as_bytes())?;
     write_file(&out.join("truth/set.json"), serde_json::to_string_pretty(&set.figures)?.as_bytes())?;
     set.write_photos(out, &places, options.seed, after_each)?;
+    let stations_m = set.captures.iter().map(|capture| capture.tunnel_from_cam.translation.x);
+    let geometry = TextureGeometry::around(set.wall.profile(), stations_m, set.figures.render.truth_mm_per_px);
     if options.texture {
-        let stations_m = set.captures.iter().map(|capture| capture.tunnel_from_cam.translation.x);
-        let finest = set.figures.render.truth_mm_per_px;
-        let geometry = TextureGeometry::around(set.wall.profile(), stations_m, finest);
         write_texture(&out.join("truth"), &geometry, set.paint.as_ref())?;
     }
+    let rows_m = geometry.height_px as f64 * geometry.mm_per_px * 1e-3;
+    let stretch_m = [geometry.x0_m, geometry.x0_m + rows_m];
+    relief::write_relief(&out.join("truth"), &set.survey.profile.build()?, &set.wall, stretch_m)?;
     Ok(set.figures)
 }
 

@@ -5,11 +5,12 @@ use std::process::{Command, Stdio};
 use super::programs::{FLOWN, figures, program, text};
 
 /// Each stage and the file whose appearance shows that the stage before it is done.
-const STAGES: [(&str, &str); 6] = [
+const STAGES: [(&str, &str); 7] = [
     ("coarse", "stages/prior.bin"),
     ("match", "stages/coarse.bin"),
     ("adjust", "stages/match.bin"),
-    ("texture", "stages/adjust.bin"),
+    ("surface", "stages/adjust.bin"),
+    ("texture", "stages/surface.bin"),
     ("model", "stages/texture.bin"),
     ("report", "stages/model.bin"),
 ];
@@ -41,9 +42,15 @@ fn a_run_killed_in_any_stage_keeps_what_was_done_and_ends_the_same() {
         let stage = stages.iter().find(|stage| stage["stage"] == name).expect("every stage is listed");
         assert!(stage["seconds"].is_null(), "{name} was run again: {stage}");
     }
-    for file in
-        ["poses.csv", "panorama/panorama.json", "coverage.json", "model.glb", "points.ply", "colmap/points3D.txt"]
-    {
+    for file in [
+        "poses.csv",
+        "relief.tif",
+        "panorama/panorama.json",
+        "coverage.json",
+        "model.glb",
+        "points.ply",
+        "colmap/points3D.txt",
+    ] {
         let read =
             |survey: &std::path::Path| std::fs::read(survey.join("out").join(file)).expect("the result is there");
         assert!(read(whole.path()) == read(survey.path()), "{file} differs from that of a run in one go");

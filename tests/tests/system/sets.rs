@@ -58,3 +58,24 @@ fn drifting_exposures_are_found_and_leave_no_seams() {
         assert!(rms < 0.08, "channel {channel}: {errors:?}");
     }
 }
+
+#[test]
+fn bulges_and_ovality_are_measured_to_millimetres() {
+    let survey = tempfile::tempdir().expect("a temporary folder");
+    let folder = text(survey.path());
+    figures(
+        "adit-sim",
+        &["survey", "imperfect", "--out", folder, "--photos", "30", "--width-px", "500", "--no-texture"],
+    );
+    let summary = figures("adit", &["reconstruct", folder, "--stop-after", "surface"]);
+    assert_eq!(summary["losses"].as_array().map(Vec::len), Some(0), "{summary:#}");
+    let relief = &figures("adit", &["evaluate", folder])["relief"];
+    let number = |of: &serde_json::Value| of.as_f64().unwrap_or_else(|| panic!("a number: {relief:#}"));
+    // Bulges and ovality are there to be found, and are found at half the samples' resolution.
+    assert!(number(&relief["true_relief_mm"]["rmse"]) > 15.0, "{relief:#}");
+    assert!(number(&relief["shape_mm"]["rmse"]) < 5.0, "{relief:#}");
+    assert!(number(&relief["known_percent"]) > 70.0, "{relief:#}");
+    // The section's size comes from the ranges of thirty tags: 0.3 % of 3 m.
+    assert!(number(&relief["constant_mm"]).abs() < 20.0, "{relief:#}");
+    assert!(number(&relief["ovality_error_percent"]) < 0.2, "{relief:#}");
+}

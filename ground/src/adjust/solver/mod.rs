@@ -31,7 +31,9 @@ use super::tracks::{Observation, Tracks};
 /// Damping beyond which no descent is to be had.
 const LAMBDA_MAX: f64 = 1e12;
 const LAMBDA_MIN: f64 = 1e-9;
-const LAMBDA_START: f64 = 1e-4;
+/// A predicted decrease of so many times the smallest that counts is none if the step then raises the cost: where a wall's faces
+/// meet, and where a point leaves the photo, the cost has kinks that no linear model sees.
+const KINKS: f64 = 30.0;
 
 /// One linearised observation: residual in pixels, and its derivatives.
 pub(super) struct Sight<const C: usize, const K: usize> {
@@ -140,6 +142,8 @@ pub(super) struct Limits {
     pub(super) iterations: usize,
     /// Relative decrease of the cost.
     pub(super) decrease: f64,
+    /// Damping to start with, as a share of the diagonal.
+    pub(super) damping: f64,
 }
 
 /// How an iteration ended.
@@ -194,7 +198,7 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
         state: &mut State<M::Estimate>,
         limits: Limits,
     ) -> Result<Minimised, NotPositiveDefinite> {
-        let (mut lambda, mut growth) = (LAMBDA_START, 2.0);
+        let (mut lambda, mut growth) = (limits.damping, 2.0);
         let ended = |outcome, iterations, cost| Ok(Minimised { outcome, iterations, cost });
         let mut cost = f64::INFINITY;
         for iteration in 1..=limits.iterations {
@@ -213,8 +217,7 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
                     return ended(super::Outcome::Converged, iteration, moved.cost);
                 }
                 cost = moved.cost;
-            } else if moved.predicted <= limits.decrease * cost {
-                // At the optimum rounding decides the sign of the decrease.
+            } else if moved.predicted <= KINKS * limits.decrease * cost {
                 return ended(super::Outcome::Converged, iteration, cost);
             } else {
                 lambda *= growth;

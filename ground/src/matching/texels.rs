@@ -1,0 +1,126 @@
+//! A photo's band as it is held for matching: a byte a texel, a quarter of the memory and of its traffic.
+
+use std::sync::OnceLock;
+
+use pulp::Arch;
+
+use super::filter::Plane;
+
+/// Steps per standard deviation of the local contrast. Rounding adds 1 % of noise; what stands out by four standard deviations
+/// saturates.
+const STEPS: f32 = 32.0;
+
+/// Added to a small number it leaves the nearest whole one in the lowest bits; unlike a cast, compilers turn this into vectors.
+const ROUNDING: f32 = 1.5 * (1 << 23) as f32;
+
+/// A row-major grid of the normalised band.
+#[derive(Debug)]
+pub(super) struct Texels {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    data: Vec<i8>,
+    halved: OnceLock<Box<Texels>>,
+}
+
+impl Texels {
+    /// Rounds a band in standard deviations.
+    pub(super) fn new(band: &Plane) -> Self {
+        let mut data = vec![0; band.data.len()];
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (texel, value) in data.iter_mut().zip(&band.data) {
+                    let steps = (STEPS * value).clamp(f32::from(i8::MIN), f32::from(i8::MAX));
+                    *texel = (steps + ROUNDING).to_bits() as i8;
+                }
+            },
+        );
+        Self { width: band.width, height: band.height, data, halved: OnceLock::new() }
+    }
+
+    /// Means of two by two texels; worked out when first asked for.
+    pub(super) fn halved(&self) -> &Self {
+        self.halved.get_or_init(|| {
+            let mut data = Vec::with_capacity(self.data.len() / 4);
+            for rows in self.data.chunks_exact(2 * self.width) {
+                let (upper, lower) = rows.split_at(self.width);
+                let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
+                data.extend(pairs.map(|(&[a, b], &[c, d])| {
+                    let sum: i16 = [a, b, c, d].map(i16::from).iter().sum();
+                    ((sum + 2) >> 2) as i8
+                }));
+            }
+            Box::new(Self { width: self.width / 2, height: self.height / 2, data, halved: OnceLock::new() })
+        })
+    }
+
+    /// Copies a rectangle in standard deviations; what lies beyond the grid stays as it was in `target`.
+    pub(super) fn copy_rectangle(
+        &self,
+        corner: [i64; 2],
+        [width, height]: [usize; 2],
+        target: &mut [f32],
+        stride: usize,
+    ) {
+        let skip = (-corner[0]).clamp(0, width as i64) as usize;
+        let end = (self.width as i64 - corner[0]).clamp(0, width as i64) as usize;
+        if skip >= end {
+            return;
+        }
+        let start = (corner[0] + skip as i64) as usize;
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (source_row, row) in (corner[1]..).zip(target.chunks_exact_mut(stride).take(height)) {
+                    if source_row >= 0 && source_row < self.height as i64 {
+                        let source = &self.data[source_row as usize * self.width + start..][..end - skip];
+                        for (value, &texel) in row[skip..end].iter_mut().zip(source) {
+                            *value = f32::from(texel) * (1.0 / STEPS);
+                        }
+                    }
+                }
+            },
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> Texels {
+        let data = (0..32).map(|index| 0.125 * (index % 8) as f32 + (index / 8) as f32).collect();
+        Texels::new(&Plane { width: 8, height: 4, data })
+    }
+
+    #[test]
+    fn a_rectangle_across_the_border_is_copied_where_there_are_texels() {
+        let mut target = [9.0; 12];
+        ramp().copy_rectangle([6, -1], [3, 3], &mut target, 4);
+        assert_eq!(target, [9.0, 9.0, 9.0, 9.0, 0.75, 0.875, 9.0, 9.0, 1.75, 1.875, 9.0, 9.0]);
+    }
+
+    #[test]
+    fn halving_takes_the_mean_of_four() {
+        let ramp = ramp();
+        let mut target = [0.0; 8];
+        ramp.halved().copy_rectangle([0, 0], [4, 2], &mut target, 4);
+        let expected = [0.5625, 0.8125, 1.0625, 1.3125, 2.5625, 2.8125, 3.0625, 3.3125];
+        assert!(
+            target.iter().zip(expected).all(|(value, expected)| (value - expected).abs() <= 0.5 / STEPS),
+            "{target:?}"
+        );
+    }
+
+    #[test]
+    fn what_stands_out_too_far_saturates() {
+        let mut target = [0.0; 2];
+        Texels::new(&Plane { width: 2, height: 1, data: vec![-50.0, 50.0] }).copy_rectangle(
+            [0, 0],
+            [2, 1],
+            &mut target,
+            2,
+        );
+        assert_eq!(target, [-4.0, 127.0 / 32.0]);
+    }
+}
