@@ -2,9 +2,10 @@
 //!
 //! Every mid cell takes one of the photos that show it nearly best. The choice minimises, over the lattice, the quality
 //! given up plus, between neighbours that take different photos, the difference of the two photos there (the seam cost
-//! of Kwatra et al., "Graphcut Textures", 2003). Rows and columns are optimised in turn, each exactly by dynamic
-//! programming with its neighbours held (Viterbi; the circular rows held at one cell), alternate ones at a time, so that the
-//! cost never rises and threads do not matter. Rows that an earlier strip has settled stay as they are: strips agree,
+//! of Kwatra et al., "Graphcut Textures", 2003). Each row in turn is chosen exactly by dynamic programming (Viterbi; the
+//! circle held at its first cell) against the row above, so that a seam starts where photos agree and goes on from there. Then
+//! rows and columns are improved in the same way with all neighbours held, alternate ones at a time, so that the cost never
+//! rises and threads do not matter. Only the first pass moves a seam as a whole: it is no global optimum. Rows that an earlier strip has settled stay as they are: strips agree,
 //! and memory holds one strip.
 
 use rayon::prelude::*;
@@ -220,6 +221,21 @@ impl Lattice {
         cheapest_chain(&cells, &costs)
     }
 
+    /// Chooses rows from `from` on, each with regard to the one above.
+    fn descend(&mut self, from: usize) {
+        for row in from..self.options.len() {
+            let first = self.alternatives(row, 0);
+            let mut costs: Vec<f32> = first.iter().map(|alternative| alternative.cost).collect();
+            if row > 0 {
+                self.add_neighbour((row, 0), (row - 1, 0), &mut costs);
+            }
+            let cheapest = (0..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+            self.chosen[row * self.columns] = cheapest.map_or(NO_CHOICE, |choice| choice as u8);
+            let found = self.row(row);
+            self.chosen[row * self.columns..][..self.columns].copy_from_slice(&found);
+        }
+    }
+
     fn optimise(&mut self, from: usize) {
         for _ in 0..ROUNDS {
             for parity in 0..2 {
@@ -254,14 +270,12 @@ impl Labelling {
         let settled = before.map_or(&[][..], |before| before.since_row(row0));
         let settled_rows = settled.len() / columns;
         let mut lattice = Lattice { columns, options, chosen: vec![NO_CHOICE; columns * band.mid_rows()] };
-        for at in 0..lattice.chosen.len() {
+        for (at, photo) in settled.iter().enumerate() {
             let options = lattice.options[at / columns].at(at % columns);
-            let choice = match settled.get(at) {
-                Some(photo) => options.iter().position(|option| option.photo == *photo),
-                None => (0..options.len()).min_by(|&a, &b| options[a].cost.total_cmp(&options[b].cost)),
-            };
+            let choice = options.iter().position(|option| option.photo == *photo);
             lattice.chosen[at] = choice.map_or(NO_CHOICE, |choice| choice as u8);
         }
+        lattice.descend(settled_rows);
         lattice.optimise(settled_rows);
         let chosen = |at: usize| {
             let options = lattice.options[at / columns].at(at % columns);
