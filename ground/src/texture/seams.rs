@@ -2,11 +2,12 @@
 //!
 //! Every mid cell takes one of the photos that show it nearly best. The choice minimises, over the lattice, the quality
 //! given up plus, between neighbours that take different photos, the difference of the two photos there (the seam cost
-//! of Kwatra et al., "Graphcut Textures", 2003). Each row in turn is chosen exactly by dynamic programming (Viterbi; the
-//! circle held at its first cell) against the row above, so that a seam starts where photos agree and goes on from there. Then
-//! rows and columns are improved in the same way with all neighbours held, alternate ones at a time, so that the cost never
-//! rises and threads do not matter. Only the first pass moves a seam as a whole: it is no global optimum. Rows that an earlier strip has settled stay as they are: strips agree,
-//! and memory holds one strip.
+//! of Kwatra et al., "Graphcut Textures", 2003). From a first choice rows and columns are improved in turn, each exactly by
+//! dynamic programming with its neighbours held (Viterbi; the circular rows held at one cell), alternate ones at a time, so
+//! that the cost never rises and threads do not matter. Such sweeps do not move a seam as a whole, so they start twice, and
+//! the cheaper end is taken: from the best photo everywhere, and from rows chosen one after the other, each against the one
+//! above. It is no global optimum. Rows that an earlier strip has settled stay as they are: strips agree, and memory holds
+//! one strip.
 
 use rayon::prelude::*;
 
@@ -154,13 +155,14 @@ fn cheapest_chain(cells: &[&[Alternative]], costs: &[f32]) -> Vec<u8> {
 }
 
 /// A band's options and what is chosen of them.
-struct Lattice {
+#[derive(Clone)]
+struct Lattice<'a> {
     columns: usize,
-    options: Vec<RowAlternatives>,
+    options: &'a [RowAlternatives],
     chosen: Vec<u8>,
 }
 
-impl Lattice {
+impl Lattice<'_> {
     fn alternatives(&self, row: usize, column: usize) -> &[Alternative] {
         self.options[row].at(column)
     }
@@ -221,6 +223,35 @@ impl Lattice {
         cheapest_chain(&cells, &costs)
     }
 
+    /// Takes the best photo in each cell of the rows from `from` on.
+    fn take_best(&mut self, from: usize) {
+        for at in from * self.columns..self.chosen.len() {
+            let options = self.alternatives(at / self.columns, at % self.columns);
+            let best = (0..options.len()).min_by(|&a, &b| options[a].cost.total_cmp(&options[b].cost));
+            self.chosen[at] = best.map_or(NO_CHOICE, |choice| choice as u8);
+        }
+    }
+
+    /// What the rows from `from` on cost.
+    fn cost(&self, from: usize) -> f64 {
+        let cell = |row: usize, column: usize| {
+            let options = self.alternatives(row, column);
+            let chosen = usize::from(self.chosen[row * self.columns + column]);
+            let mut cost = options.get(chosen)?.cost;
+            let left = (row, (column + self.columns - 1) % self.columns);
+            for neighbour in [Some(left), row.checked_sub(1).map(|above| (above, column))].into_iter().flatten() {
+                let other = self.alternatives(neighbour.0, neighbour.1);
+                let taken = self.chosen[neighbour.0 * self.columns + neighbour.1];
+                if taken != NO_CHOICE {
+                    cost += seam_cost(options, chosen, other, usize::from(taken));
+                }
+            }
+            Some(f64::from(cost))
+        };
+        let row_cost = |row: usize| -> f64 { (0..self.columns).filter_map(|column| cell(row, column)).sum() };
+        (from..self.options.len()).map(row_cost).sum()
+    }
+
     /// Chooses rows from `from` on, each with regard to the one above.
     fn descend(&mut self, from: usize) {
         for row in from..self.options.len() {
@@ -269,14 +300,20 @@ impl Labelling {
             .collect();
         let settled = before.map_or(&[][..], |before| before.since_row(row0));
         let settled_rows = settled.len() / columns;
-        let mut lattice = Lattice { columns, options, chosen: vec![NO_CHOICE; columns * band.mid_rows()] };
+        let mut lattice = Lattice { columns, options: &options, chosen: vec![NO_CHOICE; columns * band.mid_rows()] };
         for (at, photo) in settled.iter().enumerate() {
             let options = lattice.options[at / columns].at(at % columns);
             let choice = options.iter().position(|option| option.photo == *photo);
             lattice.chosen[at] = choice.map_or(NO_CHOICE, |choice| choice as u8);
         }
-        lattice.descend(settled_rows);
+        let mut descended = lattice.clone();
+        lattice.take_best(settled_rows);
+        descended.descend(settled_rows);
         lattice.optimise(settled_rows);
+        descended.optimise(settled_rows);
+        if descended.cost(settled_rows) < lattice.cost(settled_rows) {
+            lattice = descended;
+        }
         let chosen = |at: usize| {
             let options = lattice.options[at / columns].at(at % columns);
             options.get(usize::from(lattice.chosen[at])).map_or(NO_PHOTO, |option| option.photo)

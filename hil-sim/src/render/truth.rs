@@ -45,6 +45,9 @@ pub fn write_poses<'a>(
 }
 
 /// Writes the gains (red, green, blue; on the light, before the sRGB curve) that made each photo.
+///
+/// # Errors
+/// [`RenderError::Write`] if the file cannot be written.
 pub fn write_exposures<'a>(
     file: &Path,
     photos: impl IntoIterator<Item = (&'a str, [f64; 3])>,
