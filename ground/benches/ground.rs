@@ -12,10 +12,11 @@ use adit_ground::features::{OrbOptions, Orientation, SiftOptions, nearest, orb, 
 use adit_ground::matching::{MatchConfig, match_round};
 use adit_ground::raster::{Grey, Luma};
 use adit_ground::surface::{self, SurfaceOptions};
-use adit_ground::survey::{Size, decode_luma, load_mask};
+use adit_ground::survey::{Size, decode_luma, decode_rgb, load_mask};
 use adit_ground::texture::{self, TextureOptions};
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use rayon::prelude::*;
 
 fn main() {
     divan::main();
@@ -131,16 +132,34 @@ fn pose_covariances(bencher: Bencher<'_, '_>, photos: usize) {
     bencher.bench(|| Covariances::at(&problem, &adjustment::WEIGHTS).expect("every pose is determined"));
 }
 
-/// Decoding, exposures and the panorama of twelve photos, files included; items are texels of the panorama.
-#[divan::bench(args = [6.0, 2.0], sample_count = 3)]
-fn texture_at_mm_per_px(bencher: Bencher<'_, '_>, mm_per_px: f64) {
+/// The yardstick of the texture: decoding the same twelve photos once, in parallel as the texture does; items are pixels.
+#[divan::bench(sample_count = 10)]
+fn decode_twelve_photos(bencher: Bencher<'_, '_>) {
+    let Some((survey, _)) = textured::load_textured("cylinder-brick-spiral", 12) else { return };
+    let camera = survey.config.camera.camera;
+    let size = Size { width_px: camera.width_px, height_px: camera.height_px };
+    let pixels = survey.photos.len() * size.width_px as usize * size.height_px as usize;
+    let decode = || {
+        survey.photos.par_iter().map(|photo| decode_rgb(&photo.path, size).expect("a photo").data.len()).sum::<usize>()
+    };
+    bencher.counter(ItemsCount::new(pixels)).bench(decode);
+}
+
+/// Decoding, exposures, seams and the panorama of twelve photos, files included; items are texels of the panorama or pixels of the
+/// photos.
+#[divan::bench(args = [(6.0, "texels"), (6.0, "pixels"), (2.0, "texels")], sample_count = 3)]
+fn texture_of_twelve_photos(bencher: Bencher<'_, '_>, (mm_per_px, items): (f64, &str)) {
     let Some((survey, reconstruction)) = textured::load_textured("cylinder-brick-spiral", 12) else { return };
     let out = tempfile::tempdir().expect("a folder");
     let options = TextureOptions { mm_per_px: Some(mm_per_px), ..TextureOptions::default() };
     let flat = textured::flat(&reconstruction);
     let build = || texture::build(&survey, &reconstruction, &flat, &options, out.path(), &|_| ()).expect("a panorama");
-    let grid = build().grid;
-    bencher.counter(ItemsCount::new(grid.width_px * grid.height_px)).bench(build);
+    let (grid, camera) = (build().grid, survey.config.camera.camera);
+    let count = match items {
+        "texels" => grid.width_px * grid.height_px,
+        _ => survey.photos.len() * camera.width_px as usize * camera.height_px as usize,
+    };
+    bencher.counter(ItemsCount::new(count)).bench(build);
 }
 
 /// The plane sweep over what twelve photos see, decoding and files included; items are cells.

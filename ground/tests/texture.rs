@@ -1,5 +1,7 @@
 //! The panorama of a rendered sample at its true poses against the wall as painted.
 
+#[path = "support/painted.rs"]
+mod painted;
 #[expect(dead_code, reason = "shared with the tests of the matching")]
 mod support;
 #[path = "support/textured.rs"]
@@ -152,6 +154,80 @@ fn what_cannot_be_written_or_makes_no_sense_is_said() {
     let error =
         texture::build(&survey, &reconstruction, &flat(&reconstruction), &fine, folder.path(), &|_| ()).unwrap_err();
     assert!(matches!(error, TextureError::Resolution { .. }), "{error}");
+}
+
+/// A sheet's size and, per pixel, its green and opacity.
+fn read_sheet(path: &Path) -> (usize, Vec<[u8; 2]>) {
+    let reader = png::Decoder::new(std::io::BufReader::new(fs::File::open(path).unwrap()));
+    let mut reader = reader.read_info().unwrap();
+    let mut data = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut data).unwrap();
+    (info.width as usize, data.chunks_exact(4).map(|pixel| [pixel[1], pixel[3]]).collect())
+}
+
+#[test]
+fn straight_lines_on_the_wall_are_straight_on_the_sheets() {
+    let folder = tempfile::tempdir().unwrap();
+    let (survey, reconstruction) = painted::painted(folder.path(), false);
+    let fine = TextureOptions { mm_per_px: Some(5.0), ..TextureOptions::default() };
+    let report =
+        texture::build(&survey, &reconstruction, &flat(&reconstruction), &fine, folder.path(), &|_| ()).unwrap();
+    assert_eq!(report.sheets.len(), 4);
+    let grid = report.grid;
+    for (part, line_m) in painted::LINES {
+        let sheet = report.sheets.iter().find(|sheet| sheet.part == part).unwrap();
+        let (width, pixels) = read_sheet(&folder.path().join("sheets").join(&sheet.file));
+        let mut rows = 0;
+        for (row, pixels) in pixels.chunks_exact(width).enumerate() {
+            let x_m = grid.x_m(row as f64 + 0.5);
+            let s_m = line_m + painted::SLOPE * (x_m - painted::MIDDLE_X_M);
+            let expected = (s_m - grid.s_m(sheet.column0 as f64)) / grid.texel_m();
+            // The line is 8 pixels wide.
+            let around = expected as i64 - 9..expected as i64 + 10;
+            if around.start < 0 || around.end > width as i64 {
+                continue;
+            }
+            let around = around.start as usize..around.end as usize;
+            if pixels[around.clone()].iter().any(|[_, opacity]| *opacity == 0) {
+                continue;
+            }
+            let darkness = |column: usize| 180.0 - f64::from(pixels[column][0]).min(180.0);
+            let total: f64 = around.clone().map(darkness).sum();
+            let middle = around.map(|column| (column as f64 + 0.5) * darkness(column)).sum::<f64>() / total;
+            assert!((middle - expected).abs() < 1.0, "{part}, row {row}: {middle}, not {expected}");
+            rows += 1;
+        }
+        assert!(rows > 300, "{part}: {rows} rows");
+    }
+}
+
+#[test]
+fn what_every_mask_hides_stays_transparent_and_is_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (survey, reconstruction) = painted::painted(folder.path(), true);
+    let report =
+        texture::build(&survey, &reconstruction, &flat(&reconstruction), &options(), folder.path(), &|_| ()).unwrap();
+    let found = panorama(folder.path(), &report);
+    let at = |s_m: f64, x_m: f64| {
+        let texel_m = report.grid.texel_m();
+        let row = ((x_m - report.grid.x0_m) / texel_m) as usize;
+        found[row * report.grid.width_px + (s_m / texel_m) as usize]
+    };
+    let [[s_from_m, s_to_m], [x_from_m, x_to_m]] = painted::HIDDEN;
+    // The distance map has cells of 4 pixels, 4 cm on the floor.
+    for s_m in [s_from_m + 0.02, 6.8, s_to_m - 0.02] {
+        for x_m in [x_from_m + 0.02, 0.8, x_to_m - 0.02] {
+            assert_eq!(at(s_m, x_m), None, "s = {s_m} m, x = {x_m} m");
+        }
+    }
+    for [s_m, x_m] in [[s_from_m - 0.12, 0.8], [s_to_m + 0.12, 0.8], [6.8, x_from_m - 0.12], [6.8, x_to_m + 0.12]] {
+        assert!(at(s_m, x_m).is_some(), "s = {s_m} m, x = {x_m} m");
+    }
+    let holes = &report.coverage.holes;
+    let [hole] = holes.as_slice() else { panic!("one hole, not {holes:?}") };
+    assert!((hole.x_from_m - x_from_m).abs() < 0.15 && (hole.x_to_m - x_to_m).abs() < 0.15, "{hole:?}");
+    // The floor's middle is at 7 m of 14 m, six o'clock.
+    assert!(hole.clock_from < 6.0 && hole.clock_to > 6.0 && hole.clock_to - hole.clock_from < 1.5, "{hole:?}");
 }
 
 #[test]

@@ -82,7 +82,7 @@ fn look(
     let still_s = started.elapsed().as_secs_f64();
     let photo = renderer.render(&shot);
     let moving_s = started.elapsed().as_secs_f64() - still_s;
-    println!("{name}: {still_s:.3} s at rest, {moving_s:.3} s in motion, gain {:.2}", photo.gain);
+    println!("{name}: {still_s:.3} s at rest, {moving_s:.3} s in motion, gains {:.2?}", photo.gains);
     write_png(&out.join(format!("{name}-photo.png")), &still.image.data, 1000, 750)?;
     write_png(&out.join(format!("{name}-moving.png")), &photo.image.data, 1000, 750)
 }

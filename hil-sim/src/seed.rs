@@ -33,6 +33,8 @@ pub enum Stream {
     Build = 31,
     /// The wall's bulges in a survey set.
     Wall = 40,
+    /// Exposure and white balance of a survey set's photos.
+    Exposure = 41,
 }
 
 /// A stream of random numbers.

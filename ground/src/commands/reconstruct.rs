@@ -18,7 +18,8 @@ use super::{Answer, Common, positive, print};
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  adit reconstruct demo/survey\n  \
     adit reconstruct survey --out results --mm-per-px 1 --threads 8\n  \
-    adit reconstruct survey --stop-after adjust      poses only")]
+    adit reconstruct survey --stop-after adjust      poses only\n  \
+    adit reconstruct survey --match none             a quick look, by the tags alone")]
 pub(super) struct Arguments {
     /// The survey folder (survey.toml, tags.csv, photos/, masks/)
     #[arg(value_name = "SURVEY")]
@@ -51,6 +52,8 @@ enum Strategy {
     Repmatch,
     /// Features first, whatever the tags say, matched by the ratio test; then as guided
     Ratio,
+    /// Not at all: every photo stays where its tag puts it (feature-less); quick, seams are off by the tags' errors
+    None,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -104,6 +107,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
                 Strategy::Guided => Start::Tags,
                 Strategy::Repmatch => Start::RepMatch,
                 Strategy::Ratio => Start::Ratio,
+                Strategy::None => Start::TagsOnly,
             },
         },
         verbosity: Verbosity::Talk,

@@ -140,6 +140,9 @@ impl Run<'_> {
         if self.ends_with(Stage::Prior) {
             return Ok(());
         }
+        if self.options.solve.start == Start::TagsOnly {
+            return self.picture_tags_only(survey, &solver.tags_only(&prior), key);
+        }
         let key = key.then("coarse", &self.options.solve)?;
         let coarse =
             self.stage(Stage::Coarse, key, photos, &[], |progress| solver.coarse(&prior, progress), say_coarse)?;
@@ -168,20 +171,27 @@ impl Run<'_> {
         self.picture_stages(survey, &adjusted.reconstruction, key)
     }
 
+    /// Everything after the prior poses where photos are not matched.
+    fn picture_tags_only(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<()> {
+        self.summary.warnings.push(Warning::TagsOnly);
+        self.write_poses(&reconstruction.poses)?;
+        if self.options.stop_after.is_some_and(|stage| stage < Stage::Surface) {
+            return Ok(());
+        }
+        self.picture_stages(survey, reconstruction, key)
+    }
+
     fn picture_stages(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<()> {
-        let out = &self.options.out;
-        let options = SurfaceOptions::default();
-        let key = key.then("surface", &options)?;
-        let files = ["surface/surface.json", "relief.tif", "relief.png"];
-        let compute = |progress: &StageProgress| {
-            let tell = |done: usize, total: usize| if done == 0 { progress.restart(total) } else { progress.tick() };
-            Ok(surface::build(survey, reconstruction, &options, out, &tell)?)
-        };
-        let surface = self.stage(Stage::Surface, key, 0, &files, compute, say_surface)?;
-        self.summary.losses.extend(surface.losses.iter().cloned());
+        let key = self.surface(survey, reconstruction, key)?;
         if self.ends_with(Stage::Surface) {
             return Ok(());
         }
+        let out = &self.options.out;
+        // Photos that were not matched cannot measure the wall: it is the section.
+        let open_surface = || match self.options.solve.start {
+            Start::TagsOnly => SurfaceStore::flat(&reconstruction.profile),
+            _ => SurfaceStore::open(out),
+        };
         let options = TextureOptions { mm_per_px: self.options.mm_per_px, ..TextureOptions::default() };
         let key = key.then("texture", &options)?;
         let files = ["panorama/panorama.json", "panorama/tiles/panorama.dzi", "coverage.json"];
@@ -190,7 +200,7 @@ impl Run<'_> {
                 TextureProgress::Total(total) => progress.restart(total),
                 TextureProgress::Step => progress.tick(),
             };
-            let surface = SurfaceStore::open(out)?;
+            let surface = open_surface()?;
             Ok(texture::build(survey, reconstruction, &surface, &options, out, &tell)?)
         };
         let textured = self.stage(Stage::Texture, key, 0, &files, compute, say_texture)?;
@@ -203,13 +213,31 @@ impl Run<'_> {
         let files = ["model.glb", "model.obj", "points.ply", "colmap/points3D.txt"];
         let compute = |_: &StageProgress| {
             model::colmap::write(reconstruction, &out.join("colmap"))?;
-            Ok(model::write(SurfaceStore::open(out)?, &textured.grid, &options, out)?)
+            Ok(model::write(open_surface()?, &textured.grid, &options, out)?)
         };
         self.stage(Stage::Model, key, 0, &files, compute, say_model)?;
         if self.ends_with(Stage::Model) {
             return Ok(());
         }
         self.report(survey, reconstruction, &textured)
+    }
+
+    /// Measures the wall, if photos were matched; returns the key of what follows.
+    fn surface(&mut self, survey: &Survey, reconstruction: &Reconstruction, key: Key) -> Result<Key> {
+        if self.options.solve.start == Start::TagsOnly {
+            return key.then("no surface", &());
+        }
+        let out = &self.options.out;
+        let options = SurfaceOptions::default();
+        let key = key.then("surface", &options)?;
+        let files = ["surface/surface.json", "relief.tif", "relief.png"];
+        let compute = |progress: &StageProgress| {
+            let tell = |done: usize, total: usize| if done == 0 { progress.restart(total) } else { progress.tick() };
+            Ok(surface::build(survey, reconstruction, &options, out, &tell)?)
+        };
+        let surface = self.stage(Stage::Surface, key, 0, &files, compute, say_surface)?;
+        self.summary.losses.extend(surface.losses.iter().cloned());
+        Ok(key)
     }
 
     /// Written anew each time: it says what this run did.

@@ -8,7 +8,7 @@ use adit_geometry::profile::Profile;
 use adit_geometry::rig::{ImageUp, Rig};
 use adit_protocol::mission::Sigma;
 use adit_protocol::tag::CaptureTag;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use nalgebra::{Isometry3, Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -20,14 +20,14 @@ use super::stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSumma
 use super::tag_noise::TagNoise;
 use super::warnings::Judged;
 use crate::adjust::{
-    Adjusted, Covariances, Loss as AdjustLoss, Observation, Problem, PruneCounts, Pruning, Shared, SharedSigmas,
-    Tracks, Weights, adjust, photo_qualities, prune, tendency,
+    Adjusted, Covariances, Loss as AdjustLoss, Observation, PhotoQuality, Problem, PruneCounts, Pruning, Shared,
+    SharedSigmas, Tracks, Weights, adjust, photo_qualities, prune, tendency,
 };
 use crate::matching::{MatchConfig, MatchRound, Photos, Pixels, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction};
 use crate::prior::{PriorModel, SizeEstimate, TagPrior, estimate_size, prior_views, tag_priors};
 use crate::raster::Mask;
-use crate::survey::{Loss, Survey, load_mask};
+use crate::survey::{Loss, Photo, Survey, load_mask};
 use crate::untagged::{Matcher, PlacedPhoto, Untagged, survey_poses};
 
 /// One standard deviation of a match in the coarse round, pixels of the photo.
@@ -75,6 +75,8 @@ pub enum Start {
     RepMatch,
     /// From the photos' features alone, matched by the ratio test.
     Ratio,
+    /// From the tags, and they stay: no photo is matched (the authors' feature-less method).
+    TagsOnly,
 }
 
 impl Default for SolveOptions {
@@ -118,9 +120,31 @@ impl<'a> Solver<'a> {
     pub fn prior(&self) -> Result<PriorStage> {
         let no_tags = self.survey.photos.iter().all(|photo| photo.tag.is_none());
         match self.options.start {
+            Start::TagsOnly if no_tags => {
+                bail!("no photo has a tag, and without matches nothing else says where it was taken")
+            }
             Start::Tags if !no_tags => self.prior_of_tags(),
+            Start::TagsOnly => self.prior_of_tags(),
             Start::Tags | Start::RepMatch => self.prior_of_features(Matcher::RepMatch),
             Start::Ratio => self.prior_of_features(Matcher::Ratio),
+        }
+    }
+
+    /// The survey with every photo where its tag puts it.
+    pub fn tags_only(&self, prior: &PriorStage) -> Reconstruction {
+        let pose = |(photo, view): (&Photo, &ViewPose)| PhotoPose {
+            photo: photo.name.clone(),
+            tunnel_from_cam: view.tunnel_from_cam,
+            position_sigma_m: view.position_sigma_m,
+            rotation_sigma_rad: view.rotation_sigma_rad,
+            status: PoseStatus::PriorOnly,
+            quality: PhotoQuality::default(),
+        };
+        Reconstruction {
+            poses: self.survey.photos.iter().zip(&prior.views).map(pose).collect(),
+            tracks: Tracks::default(),
+            camera: self.survey.config.camera.camera,
+            profile: prior.profile.clone(),
         }
     }
 

@@ -42,6 +42,8 @@ pub enum Warning {
     },
     /// The first poses come from the photos' features: where the section says nothing, their frame is a convention.
     NoTags,
+    /// No photo was matched, as asked.
+    TagsOnly,
     /// No row of tags.csv names the photo; its pose rests on its neighbours and its matches.
     NoTag {
         /// The photo.
@@ -140,6 +142,11 @@ impl fmt::Display for Warning {
                 out,
                 "no tags were used: x starts at the first photo, and on a circle its roll is a convention; \
                  the scale is that of the section in survey.toml"
+            ),
+            Self::TagsOnly => write!(
+                out,
+                "no photo was matched, as asked: each stands where its tag puts it, and neighbours meet on the wall only as well \
+                 as their tags do"
             ),
             Self::NoTag { photo } => write!(out, "{photo}: no tag; its pose rests on its neighbours and its matches"),
             Self::TagSlipped { photo, captures: Some(captures) } => {

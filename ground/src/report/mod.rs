@@ -18,7 +18,7 @@ use flight::{Flight, FlightFigures};
 use crate::pipeline::{StageReport, Warning};
 use crate::poses::Reconstruction;
 use crate::survey::{Loss, Survey};
-use crate::texture::TextureReport;
+use crate::texture::{PhotoGain, Seams, TextureReport};
 
 /// Longest side of the report's pictures.
 const PICTURE_PX: usize = 1600;
@@ -82,9 +82,32 @@ struct Report<'a> {
     stages: &'a [StageReport],
     coverage: &'a crate::texture::Coverage,
     native_mm_per_px: f64,
+    texture: TextureFigures<'a>,
     warnings: Vec<Told<'a>>,
     losses: &'a [Loss],
     photo_quality: Vec<PhotoFigures<'a>>,
+}
+
+/// Exposures and seams.
+#[derive(Serialize)]
+struct TextureFigures<'a> {
+    seams: Seams,
+    tone_rms_before: f64,
+    tone_rms_after: f64,
+    corner_brightness: f64,
+    gains: &'a [PhotoGain],
+}
+
+impl<'a> TextureFigures<'a> {
+    fn new(texture: &'a TextureReport) -> Self {
+        Self {
+            seams: texture.seams,
+            tone_rms_before: texture.tone_rms_before,
+            tone_rms_after: texture.tone_rms_after,
+            corner_brightness: texture.corner_brightness,
+            gains: &texture.gains,
+        }
+    }
 }
 
 /// A warning with its words.
@@ -112,6 +135,7 @@ pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
         stages: input.stages,
         coverage: &input.texture.coverage,
         native_mm_per_px: input.texture.native_mm_per_px,
+        texture: TextureFigures::new(input.texture),
         warnings: input.warnings.iter().map(|warning| Told { message: warning.to_string(), warning }).collect(),
         losses: input.losses,
         photo_quality: input.reconstruction.poses.iter().map(PhotoFigures::new).collect(),
@@ -137,14 +161,17 @@ fn page(
     // The name's ending turns HTML escaping on for every value.
     environment.add_template("report.html", include_str!("report.html"))?;
     let grid = &input.texture.grid;
+    let surface = figures_of(input.stages, "surface");
+    // A picture that an earlier run left says nothing of this one.
+    let relief = (!surface.is_null()).then(|| picture::map(&out.join("relief.png"), PICTURE_PX)).transpose()?;
     let figures = json!({
         "report": report,
         "texture": input.texture,
         "holes": input.texture.coverage.holes.iter().take(LISTED_HOLES).collect::<Vec<_>>(),
         "panorama": picture::panorama(grid, &out.join("panorama/tiles"), PICTURE_PX)?,
         "coverage_picture": picture::map(&out.join("coverage.png"), PICTURE_PX)?,
-        "surface": figures_of(input.stages, "surface"),
-        "relief_picture": picture::map(&out.join("relief.png"), PICTURE_PX)?,
+        "surface": surface,
+        "relief_picture": relief,
         "coverage_colours": crate::texture::COVERAGE_COLOURS,
         "track_svg": figures::track_svg(&input.reconstruction.poses),
         "section_svg": figures::section_svg(profile, &input.reconstruction.poses),

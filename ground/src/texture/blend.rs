@@ -1,4 +1,7 @@
-//! Which photo is taken where, and the blend of the two lower bands.
+//! The blend of the two lower bands, and the photos' weights in the finest.
+//!
+//! On the simulator's set of drifting exposures the mean step across seams is 20.1 grey levels as photographed, 1.7 evened out and
+//! 0.27 blended, and 97 % of the contrast across seams is kept: no further bands are needed (`steps` measures this in every run).
 //!
 //! Three bands, in the manner of Burt and Adelson (1983), on the wall rather than in the photos: what is coarser than a
 //! coarse cell is averaged over all good photos, so that no step in brightness is left; what is coarser than a mid cell
@@ -9,6 +12,7 @@ use rayon::prelude::*;
 
 use super::grid::{MID_PER_COARSE, Region};
 use super::layer::{Layer, Rgbx, bleed};
+use super::seams::BLEED_CELLS;
 
 /// Half width of the change-over of the finest band, in mid cells (box filter, applied twice).
 const FINE_BLUR_CELLS: usize = 1;
@@ -16,10 +20,6 @@ const FINE_BLUR_CELLS: usize = 1;
 const MID_BLUR_CELLS: usize = 5;
 /// Rows of coarse cells that a strip needs beyond its own, so that neighbouring strips agree.
 pub(super) const HALO_CELLS: usize = 4;
-/// How far labels are carried beyond what any photo shows, in mid cells.
-const LABEL_BLEED_CELLS: usize = 2;
-
-const NO_LABEL: u32 = u32::MAX;
 
 /// The rows of the coarse lattice on which a strip is blended, all around the wall.
 #[derive(Clone, Copy, Debug)]
@@ -70,56 +70,13 @@ pub(super) struct Composite {
     pub(super) colour: Vec<Rgbx>,
 }
 
-/// Blends the layers over the band. Also returns each layer's weights; `None` where it has none.
-pub(super) fn blend(layers: &[&Layer], band: Band) -> (Composite, Vec<Option<Shares>>) {
-    let labels = labels(layers, &band);
-    let shares: Vec<_> =
-        (0..layers.len()).into_par_iter().map(|index| shares(layers[index], index as u32, &labels, &band)).collect();
-    let low = blend_low(layers, &band);
-    (blend_mid(layers, &shares, &low, band), shares)
-}
-
-/// Index of the best layer per mid cell of the band.
-fn labels(layers: &[&Layer], band: &Band) -> Vec<u32> {
-    let columns = band.mid_columns();
-    let mut labels = vec![NO_LABEL; columns * band.mid_rows()];
-    labels.par_chunks_mut(columns).enumerate().for_each(|(line, labels)| {
-        let row = band.mid_row0() + line;
-        let mut best = vec![0.0; columns];
-        for (index, layer) in layers.iter().enumerate() {
-            let region = layer.region.finer();
-            if !(region.row0..region.row_end()).contains(&row) {
-                continue;
-            }
-            let scores = &layer.score[(row - region.row0) * region.columns..][..region.columns];
-            for (at, &score) in wrapped(region.column0, columns).zip(scores) {
-                if score > best[at] {
-                    best[at] = score;
-                    labels[at] = index as u32;
-                }
-            }
-        }
-    });
-    for _ in 0..LABEL_BLEED_CELLS {
-        labels = grow(&labels, columns);
-    }
-    labels
-}
-
-/// Gives cells without a label that of a neighbour.
-fn grow(labels: &[u32], columns: usize) -> Vec<u32> {
-    let rows = labels.len() / columns;
-    let mut grown = labels.to_vec();
-    grown.par_chunks_mut(columns).enumerate().for_each(|(row, line)| {
-        for (column, label) in line.iter_mut().enumerate().filter(|(_, label)| **label == NO_LABEL) {
-            let across = [(column + columns - 1) % columns, column, (column + 1) % columns];
-            *label = (row.saturating_sub(1)..(row + 2).min(rows))
-                .flat_map(|line| across.map(|column| labels[line * columns + column]))
-                .min()
-                .unwrap_or(NO_LABEL);
-        }
-    });
-    grown
+/// Blends the layers (with their photos' numbers) over the band, of which each mid cell takes the photo that `taken` says.
+/// Also returns each layer's weights; `None` where it has none.
+pub(super) fn blend(layers: &[(u32, &Layer)], band: Band, taken: &[u32]) -> (Composite, Vec<Option<Shares>>) {
+    let shares: Vec<_> = layers.par_iter().map(|(photo, layer)| shares(layer, *photo, taken, &band)).collect();
+    let layers: Vec<&Layer> = layers.iter().map(|(_, layer)| *layer).collect();
+    let low = blend_low(&layers, &band);
+    (blend_mid(&layers, &shares, &low, band), shares)
 }
 
 /// Indices of successive wrapped columns.
@@ -127,15 +84,15 @@ fn wrapped(column0: i64, columns: usize) -> impl Iterator<Item = usize> {
     (0..columns).cycle().skip(column0.rem_euclid(columns as i64) as usize)
 }
 
-fn shares(layer: &Layer, index: u32, labels: &[u32], band: &Band) -> Option<Shares> {
+fn shares(layer: &Layer, photo: u32, taken: &[u32], band: &Band) -> Option<Shares> {
     let region = layer.region.finer();
     let rows = band.overlap(&layer.region);
     let (row0, rows) = (rows.start * MID_PER_COARSE, rows.len() * MID_PER_COARSE);
     let mut own = Vec::with_capacity(rows * region.columns);
     for line in row0..row0 + rows {
-        let labels = &labels[(line - band.mid_row0()) * band.mid_columns()..][..band.mid_columns()];
+        let taken = &taken[(line - band.mid_row0()) * band.mid_columns()..][..band.mid_columns()];
         let cells = wrapped(region.column0, band.mid_columns()).take(region.columns);
-        own.extend(cells.map(|at| if labels[at] == index { 1.0 } else { 0.0 }));
+        own.extend(cells.map(|at| if taken[at] == photo { 1.0 } else { 0.0 }));
     }
     if own.iter().all(|&share: &f32| share == 0.0) {
         return None;
@@ -257,7 +214,7 @@ fn blend_mid(layers: &[&Layer], shares: &[Option<Shares>], low: &[Rgbx], band: B
         }
     });
     let known = colour.iter().map(|cell| cell[3] > 0.0).collect();
-    bleed(&mut colour, known, columns, LABEL_BLEED_CELLS);
+    bleed(&mut colour, known, columns, BLEED_CELLS);
     Composite { band, colour }
 }
 
@@ -318,7 +275,7 @@ mod tests {
         for (at, colour) in one.low.iter_mut().enumerate() {
             *colour = [(at % 7) as f32, 2.0, 4.0, 0.0];
         }
-        let (composite, _) = blend(&[&one], BAND);
+        let (composite, _) = blend(&[(0, &one)], BAND, &[0; 80 * 24]);
         let region = one.region.finer();
         for row in 0..region.rows {
             for column in 0..region.columns {
@@ -341,7 +298,8 @@ mod tests {
         for (at, weight) in right.low_weight.iter_mut().enumerate() {
             *weight = ((at % 10) as f32 / 4.0).min(1.0);
         }
-        let (composite, _) = blend(&[&left, &right], BAND);
+        let taken: Vec<u32> = (0..80 * 24).map(|at| u32::from(at % 80 >= 40)).collect();
+        let (composite, _) = blend(&[(0, &left), (1, &right)], BAND, &taken);
         let row = &composite.colour[12 * 80..][..80];
         for pair in row[4..68].windows(2) {
             assert!((pair[0][0] - pair[1][0]).abs() < 2.0, "{pair:?}");

@@ -139,13 +139,12 @@ impl<'a> FineSource<'a> {
             if self.usable.clearance_px(u, v) <= 0.0 {
                 continue;
             }
-            let colour = self.mips.sample(u, v, octaves[tap.mid]);
-            let factors = self.curve.factors(u, v);
+            let colour = self.curve.evened(self.mips.sample(u, v, octaves[tap.mid]), [u, v]);
             let (left, right) = (bases[tap.mid], bases[tap.mid + 1]);
             let texel = &mut texels[tap.texel];
             for channel in 0..3 {
                 let base = left[channel] + tap.share * (right[channel] - left[channel]);
-                texel[channel] += weight * (colour[channel] * factors[channel] - base);
+                texel[channel] += weight * (colour[channel] - base);
             }
             texel[3] += weight;
         }

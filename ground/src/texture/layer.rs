@@ -2,6 +2,7 @@
 
 use super::grid::{Lattice, MID_PER_COARSE, Region};
 use super::sample::Mips;
+use super::seams::SEAM_SHARE;
 use super::tone::ToneCurve;
 use super::usable::Usable;
 use super::view::{Footprint, Sight, View};
@@ -15,6 +16,13 @@ const BLEED_CELLS: usize = 2;
 
 /// Colours as red, green, blue and something else.
 pub(super) type Rgbx = [f32; 4];
+
+/// The fine band needs of a photo only what is near cells where its quality is this share of the best photo's: less than
+/// [`SEAM_SHARE`], because quality changes within a coarse cell.
+const CROP_SHARE: f32 = SEAM_SHARE - 0.1;
+
+/// By how many coarse cells the needed part reaches beyond their centres.
+const CROP_REACH_CELLS: f32 = 2.0;
 
 /// The quality of the best photo, per cell of the coarse lattice.
 pub(super) struct BestScores<'a> {
@@ -51,6 +59,8 @@ pub(super) struct Useful {
     pub(super) region: Region,
     /// Weight in the low band, per cell of the region.
     pub(super) weights: Vec<f32>,
+    /// First and last column and row of the photo that the fine band may need.
+    pub(super) crop_px: [[f32; 2]; 2],
 }
 
 impl Layer {
@@ -88,8 +98,7 @@ impl Layer {
 pub(super) fn shade(source: &LayerSource, sight: &Sight, size_m: f32) -> Rgbx {
     let octaves = (size_m * sight.mean_density_per_m).max(1e-3).log2();
     let colour = source.mips.sample(sight.pixel[0], sight.pixel[1], octaves);
-    let factors = source.curve.factors(sight.pixel[0], sight.pixel[1]);
-    std::array::from_fn(|i| colour[i] * factors[i])
+    source.curve.evened(colour, sight.pixel)
 }
 
 /// Finds the box of coarse cells where the photo is good enough, and its weight in the low band there; `None` if it is
@@ -108,12 +117,22 @@ pub(super) fn useful(
         let at = (whole.row0 + row) * best.lattice.columns + best.lattice.wrap(whole.column0 + column as i64);
         if score > 0.0 { score / best.scores[at].max(score) } else { 0.0 }
     };
+    let mut crop_px = [[f32::INFINITY; 2], [f32::NEG_INFINITY; 2]];
     let (mut columns, mut rows) = (whole.columns..0, whole.rows..0);
     for row in 0..whole.rows {
         for column in 0..whole.columns {
             if share(column, row) >= USEFUL_SHARE {
                 columns = columns.start.min(column)..columns.end.max(column + 1);
                 rows = rows.start.min(row)..rows.end.max(row + 1);
+            }
+            if share(column, row) >= CROP_SHARE {
+                let sight = &sights[row * whole.columns + column];
+                let most_per_m = sight.mean_density_per_m.powi(2) / sight.density_per_m;
+                let reach_px = CROP_REACH_CELLS * best.lattice.step_s_m as f32 * most_per_m;
+                for (axis, at_px) in sight.pixel.into_iter().enumerate() {
+                    crop_px[0][axis] = crop_px[0][axis].min(at_px - reach_px);
+                    crop_px[1][axis] = crop_px[1][axis].max(at_px + reach_px);
+                }
             }
         }
     }
@@ -133,7 +152,7 @@ pub(super) fn useful(
         .flat_map(|row| columns.clone().map(move |column| (column, row)))
         .map(|(column, row)| ((share(column, row) - USEFUL_SHARE) / (1.0 - USEFUL_SHARE)).max(0.0).powi(2))
         .collect();
-    Some(Useful { region, weights })
+    Some(Useful { region, weights, crop_px })
 }
 
 /// Averages mid cells into coarse ones with a tent two coarse cells wide.

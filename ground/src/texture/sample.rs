@@ -15,6 +15,8 @@ pub(super) struct Mips {
 
 /// RGB, three bytes per pixel and one more at the end, so that four bytes can be read at any pixel.
 struct Level {
+    /// First column and row that are held, in pixels of this level.
+    origin: [usize; 2],
     width: usize,
     height: usize,
     data: Vec<u8>,
@@ -25,13 +27,19 @@ impl Mips {
     pub(super) fn new(photo: Rgb8) -> Self {
         let mut data = photo.data;
         data.push(0);
-        let mut levels = vec![Level { width: photo.width, height: photo.height, data }];
+        let mut levels = vec![Level { origin: [0, 0], width: photo.width, height: photo.height, data }];
         while let Some(last) = levels.last()
             && last.width.min(last.height) >= SMALLEST_LEVEL_PX * 2
         {
             levels.push(last.halved());
         }
         Self { levels }
+    }
+
+    /// Returns what is needed to sample between `from` and `to` (column and row, in pixels of the full photo).
+    pub(super) fn cropped(&self, from_px: [f32; 2], to_px: [f32; 2]) -> Self {
+        let levels = self.levels.iter().enumerate();
+        Self { levels: levels.map(|(octave, level)| level.cropped(octave, from_px, to_px)).collect() }
     }
 
     /// Bytes in memory.
@@ -57,7 +65,9 @@ impl Mips {
 
     fn level_sample(&self, level: usize, u_px: f32, v_px: f32) -> [f32; 4] {
         let scale = 1.0 / (1_u32 << level) as f32;
-        self.levels[level].bicubic(u_px * scale - 0.5, v_px * scale - 0.5)
+        let level = &self.levels[level];
+        let [column, row] = level.origin.map(|first| first as f32 + 0.5);
+        level.bicubic(u_px * scale - column, v_px * scale - row)
     }
 }
 
@@ -80,7 +90,23 @@ impl Level {
             }
         }
         data.push(0);
-        Self { width, height, data }
+        Self { origin: [0, 0], width, height, data }
+    }
+
+    fn cropped(&self, octave: usize, from_px: [f32; 2], to_px: [f32; 2]) -> Self {
+        let scale = 1.0 / (1_u32 << octave) as f32;
+        // Two pixels on each side for the interpolation and one against rounding.
+        let first = |at_px: f32, length: usize| ((at_px * scale - 3.0).max(0.0) as usize).min(length - 1);
+        let end = |at_px: f32, length: usize| ((at_px * scale + 4.0).max(0.0) as usize).min(length);
+        let columns = first(from_px[0], self.width)..end(to_px[0], self.width).max(1);
+        let rows = first(from_px[1], self.height)..end(to_px[1], self.height).max(1);
+        let mut data = Vec::with_capacity(columns.len() * rows.len() * 3 + 1);
+        for row in rows.clone() {
+            let start = (row * self.width + columns.start) * 3;
+            data.extend_from_slice(&self.data[start..start + columns.len() * 3]);
+        }
+        data.push(0);
+        Self { origin: [columns.start, rows.start], width: columns.len(), height: rows.len(), data }
     }
 
     /// Catmull-Rom interpolation at index position (0 = centre of the first pixel); the border is repeated outside.
@@ -148,6 +174,22 @@ mod tests {
             let [r, g, b, _] = mips.sample(column as f32 + 0.5, row as f32 + 0.5, 0.0);
             assert!((r - column as f32 * 2.0).abs() < 1e-3 && (g - row as f32 * 3.0).abs() < 1e-3, "{column} {row}");
             assert!((b - 7.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn a_crop_gives_what_the_whole_photo_gives() {
+        let mips = Mips::new(ramp(120, 80));
+        let crop = mips.cropped([40.0, 20.0], [90.0, 60.0]);
+        assert!(crop.bytes() < mips.bytes() / 2);
+        for pixel in [[40.0, 20.0], [63.7, 41.2], [90.0, 60.0]] {
+            for octaves in [0.0, 0.9, 1.6] {
+                assert_eq!(
+                    crop.sample(pixel[0], pixel[1], octaves),
+                    mips.sample(pixel[0], pixel[1], octaves),
+                    "{pixel:?}"
+                );
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 use adit_geometry::profile::Profile;
 use rayon::prelude::*;
 
+use super::cache::{Cache, photos_at_once};
 use super::error::TextureError;
 use super::grid::{Lattice, Region};
 use super::sample::Mips;
@@ -16,9 +17,6 @@ use crate::survey::{Loss, Photo, Size, Survey, decode_rgb, load_mask};
 /// Quality of a photo that only its tag placed, as a factor: taken only where no other photo is nearly as good.
 const PRIOR_ONLY_TRUST: f32 = 0.1;
 
-/// Photos looked at before their results are merged: bounds the memory.
-const BATCH: usize = 64;
-
 /// Colour samples per photo, about.
 const SAMPLES_PER_VIEW: f64 = 400.0;
 
@@ -30,7 +28,7 @@ pub(super) struct Candidate<'a> {
 }
 
 impl Candidate<'_> {
-    fn size(&self) -> Size {
+    pub(super) fn size(&self) -> Size {
         Size { width_px: self.view.camera.width_px, height_px: self.view.camera.height_px }
     }
 
@@ -84,9 +82,11 @@ pub(super) struct Scouted {
     pub(super) samples: Vec<ToneSample>,
     /// Photos that can be decoded, by index of the candidate.
     pub(super) good: Vec<bool>,
+    /// Photos for the second pass, as many as there is room for.
+    pub(super) cache: Cache,
 }
 
-/// Looks at every photo once.
+/// Looks at every photo once; keeps decoded photos up to `cache_bytes`.
 ///
 /// # Errors
 /// If the measured wall cannot be read.
@@ -94,6 +94,7 @@ pub(super) fn scout(
     candidates: &[Candidate],
     surface: &SurfaceStore,
     coarse: &Lattice,
+    cache_bytes: usize,
     losses: &mut Vec<Loss>,
     tick: &(dyn Fn() + Sync),
 ) -> Result<Scouted, TextureError> {
@@ -104,10 +105,12 @@ pub(super) fn scout(
         counts: vec![0; cells],
         samples: Vec::new(),
         good: vec![false; candidates.len()],
+        cache: Cache::new(cache_bytes),
     };
     let stride = candidates.first().map_or(1, |first| sample_stride(&first.footprint.region(coarse)));
-    for first in (0..candidates.len()).step_by(BATCH) {
-        let batch = first..(first + BATCH).min(candidates.len());
+    let at_once = candidates.first().map_or(1, |first| photos_at_once(first.size(), cache_bytes));
+    for first in (0..candidates.len()).step_by(at_once) {
+        let batch = first..(first + at_once).min(candidates.len());
         let window = surface.window(stretch(&candidates[batch.clone()]))?;
         let looks: Vec<_> = batch
             .into_par_iter()
@@ -141,6 +144,7 @@ struct Look {
     /// Quality and density per cell of the region.
     cells: Vec<(f32, f32)>,
     samples: Vec<ToneSample>,
+    mips: Mips,
 }
 
 fn sample_stride(region: &Region) -> usize {
@@ -175,13 +179,14 @@ fn look(
         }
     }
     let cells = sights.iter().map(|sight| (sight.score, sight.density_per_m)).collect();
-    Ok(Look { region, cells, samples })
+    Ok(Look { region, cells, samples, mips })
 }
 
 impl Scouted {
     fn merge(&mut self, index: usize, look: Look, coarse: &Lattice) {
         self.good[index] = true;
         self.samples.extend(look.samples);
+        self.cache.keep_whole(index, look.mips);
         for (at, (score, density)) in look.cells.into_iter().enumerate().filter(|(_, (score, _))| *score > 0.0) {
             let column = coarse.wrap(look.region.column0 + (at % look.region.columns) as i64);
             let cell = (look.region.row0 + at / look.region.columns) * coarse.columns + column;

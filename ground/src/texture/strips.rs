@@ -8,13 +8,16 @@ use std::sync::mpsc::sync_channel;
 use rayon::prelude::*;
 
 use super::blend::{Band, HALO_CELLS, Shares, blend};
+use super::cache::{Cache, photos_at_once};
 use super::error::TextureError;
 use super::fine::{FineSource, TexelRows, add_detail, finish};
-use super::grid::{Lattice, PanoramaGrid};
+use super::grid::{Lattice, MID_PER_COARSE, PanoramaGrid, wall_at};
 use super::layer::{BestScores, Layer, LayerSource, Rgbx, Useful, useful};
 use super::sample::Mips;
 use super::scout::{Candidate, stretch};
+use super::seams::Labelling;
 use super::sink::Sinks;
+use super::steps::{SeamSums, SeamView};
 use super::tiles::TILE_PX;
 use super::tone::{ToneCurve, Tones};
 use super::usable::Usable;
@@ -23,9 +26,6 @@ use crate::survey::Loss;
 
 /// Rows of a strip: whole rows of tiles.
 const STRIP_ROWS: usize = 2 * TILE_PX;
-
-/// Photos decoded at a time.
-const BATCH: usize = 8;
 
 /// Everything that stays the same from strip to strip.
 pub(super) struct StripJob<'a> {
@@ -48,6 +48,7 @@ pub(super) struct StripReport {
     pub(super) decoded: usize,
     /// Texels that got a colour.
     pub(super) coloured_px: u64,
+    pub(super) seams: SeamSums,
     pub(super) losses: Vec<Loss>,
 }
 
@@ -67,6 +68,7 @@ pub(super) fn strip_count(grid: &PanoramaGrid) -> usize {
 /// Makes all strips and writes them; writing runs beside the making of the next strip.
 pub(super) fn run(
     job: &StripJob,
+    cache: Cache,
     mut sinks: Sinks,
     tick: &(dyn Fn() + Sync),
 ) -> Result<(Sinks, StripReport), TextureError> {
@@ -79,8 +81,10 @@ pub(super) fn run(
             }
             Ok(sinks)
         });
-        let mut pass =
-            Pass { job, active: BTreeMap::new(), cache: Cache::new(job.cache_bytes), report: StripReport::default() };
+        let size = job.candidates.first().map(Candidate::size);
+        let at_once = size.map_or(1, |size| photos_at_once(size, job.cache_bytes));
+        let (active, report) = (BTreeMap::new(), StripReport::default());
+        let mut pass = Pass { job, active, cache, at_once, labelling: None, report };
         for v0 in (0..job.grid.height_px).step_by(STRIP_ROWS) {
             let rows = pass.strip(v0, STRIP_ROWS.min(job.grid.height_px - v0))?;
             if sender.send(rows).is_err() {
@@ -98,6 +102,10 @@ struct Pass<'a> {
     job: &'a StripJob<'a>,
     active: BTreeMap<usize, Option<Active>>,
     cache: Cache,
+    /// Photos decoded at the same time.
+    at_once: usize,
+    /// Which photo the last strip took where.
+    labelling: Option<Labelling>,
     report: StripReport,
 }
 
@@ -120,14 +128,19 @@ impl Pass<'_> {
                 (region.row0 < band.row0 + band.rows && region.row_end() > band.row0).then_some((index, active, layer))
             })
             .collect();
-        let plain: Vec<&Layer> = layers.iter().map(|(.., layer)| *layer).collect();
-        let (composite, shares) = blend(&plain, band);
+        let plain: Vec<(u32, &Layer)> = layers.iter().map(|&(index, _, layer)| (index as u32, layer)).collect();
+        let labelling = Labelling::new(&plain, band, self.labelling.as_ref());
+        let (composite, shares) = blend(&plain, band, &labelling.grown());
+        let seams = SeamView { layers: &plain, labelling: &labelling, composite: &composite };
+        let mid_rows = self.own_mid_rows(v0, rows);
+        let sums = seams.measure(mid_rows, |photo, cell, colour| self.unevened(photo, cell, colour));
+        self.report.seams.add(&sums);
         let needed: Vec<_> =
             layers.iter().zip(&shares).filter_map(|(layer, shares)| Some((*layer, shares.as_ref()?))).collect();
         let mut detail: Vec<Rgbx> = vec![[0.0; 4]; job.grid.width_px * rows];
-        for batch in needed.chunks(BATCH) {
-            let indices: Vec<usize> = batch.iter().map(|((index, ..), _)| *index).collect();
-            let photos = self.cache.fetch(job.candidates, &indices, &mut self.report);
+        for batch in needed.chunks(self.at_once) {
+            let photos: Vec<_> = batch.iter().map(|((index, active, _), _)| (*index, &active.useful)).collect();
+            let photos = crops(job, &mut self.cache, &photos, &mut self.report);
             let sources: Vec<FineSource> = batch
                 .par_iter()
                 .zip(&photos)
@@ -140,7 +153,32 @@ impl Pass<'_> {
             add_detail(&sources, &texels, &mut detail);
         }
         self.report.coloured_px += detail.iter().filter(|texel| texel[3] > 0.0).count() as u64;
+        self.labelling = Some(labelling);
         Ok(finish(&detail, &composite, &texels))
+    }
+
+    /// Rows of the mid lattice that belong to a strip of texel rows.
+    fn own_mid_rows(&self, v0: usize, rows: usize) -> std::ops::Range<usize> {
+        let coarse = self.job.coarse;
+        let row = |v: usize| {
+            let x_m = self.job.grid.x_m(v as f64) - coarse.x0_m;
+            (x_m / coarse.step_x_m * MID_PER_COARSE as f64).round().max(0.0) as usize
+        };
+        row(v0)..row(v0 + rows)
+    }
+
+    /// The colour that a photo has at a mid cell (row, column) before it is evened out.
+    fn unevened(&self, photo: u32, (row, column): (usize, usize), colour: Rgbx) -> Rgbx {
+        let index = photo as usize;
+        let (view, mid) = (&self.job.candidates[index].view, self.job.coarse.finer());
+        // Shading changes too slowly for the relief to matter.
+        let wall = wall_at(self.job.surface.profile(), mid.s_m(column as i64));
+        let in_cam = view.section_in_cam(wall.point) + view.forward_in_cam() * mid.x_m(row as i64);
+        let curve = self.active.get(&index).and_then(Option::as_ref).map(|active| &active.curve);
+        match (view.camera.project(&in_cam), curve) {
+            (Some(pixel), Some(curve)) => curve.unevened(colour, [pixel.x as f32, pixel.y as f32]),
+            _ => colour,
+        }
     }
 
     /// The coarse rows that a strip of texel rows needs.
@@ -162,7 +200,7 @@ impl Pass<'_> {
             region.row_end() > row0
         });
         let active = &self.active;
-        self.cache.photos.retain(|index, _| active.contains_key(index));
+        self.cache.retain_crops(|index| active.contains_key(&index));
     }
 
     /// Prepares photos whose footprint reaches the band, without decoding them.
@@ -214,24 +252,40 @@ impl Pass<'_> {
             .iter()
             .filter_map(|(&index, active)| active.as_ref().is_some_and(due).then_some(index))
             .collect();
-        for batch in new.chunks(BATCH) {
-            let photos = self.cache.fetch(job.candidates, batch, &mut self.report);
+        for batch in new.chunks(self.at_once) {
             let surface = job.surface.window(stretch(batch.iter().map(|&index| &job.candidates[index])))?;
+            let whole: Vec<_> = batch.iter().map(|&index| (index, self.cache.take_whole(index))).collect();
+            self.report.decoded += whole.iter().filter(|(_, mips)| mips.is_none()).count();
             let active = &self.active;
-            let layers: Vec<_> = batch
-                .par_iter()
-                .zip(&photos)
-                .map(|(index, mips)| {
-                    let (mips, active) = (mips.as_ref()?, active.get(index)?.as_ref()?);
-                    let view = &job.candidates[*index].view;
-                    let source = LayerSource { view, usable: &active.usable, mips, curve: &active.curve };
-                    Some(Layer::new(&source, &active.useful, &surface, job.coarse, job.grid.texel_m()))
+            let layers: Vec<_> = whole
+                .into_par_iter()
+                .filter_map(|(index, mips)| {
+                    let active = active.get(&index)?.as_ref()?;
+                    let candidate = &job.candidates[index];
+                    let layer = mips.map_or_else(|| candidate.mips(), Ok).map(|mips| {
+                        let source = LayerSource {
+                            view: &candidate.view,
+                            usable: &active.usable,
+                            mips: &mips,
+                            curve: &active.curve,
+                        };
+                        let layer = Layer::new(&source, &active.useful, &surface, job.coarse, job.grid.texel_m());
+                        let [from_px, to_px] = active.useful.crop_px;
+                        (layer, Arc::new(mips.cropped(from_px, to_px)))
+                    });
+                    Some((index, layer))
                 })
                 .collect();
-            for (index, layer) in batch.iter().zip(layers) {
-                match (layer, self.active.get_mut(index)) {
-                    (Some(layer), Some(Some(active))) => active.layer = Some(layer),
-                    (None, Some(active)) => *active = None,
+            for (index, layer) in layers {
+                match (layer, self.active.get_mut(&index)) {
+                    (Ok((layer, crop)), Some(Some(active))) => {
+                        active.layer = Some(layer);
+                        self.cache.keep_crop(index, crop);
+                    }
+                    (Err(loss), Some(active)) => {
+                        self.report.lose(loss);
+                        *active = None;
+                    }
                     _ => {}
                 }
             }
@@ -240,53 +294,37 @@ impl Pass<'_> {
     }
 }
 
-/// Decoded photos, those that are needed soonest first.
-struct Cache {
-    limit_bytes: usize,
-    photos: BTreeMap<usize, Arc<Mips>>,
+/// Returns the needed parts of photos, decoding in parallel what is not at hand; `None` where that fails.
+fn crops(
+    job: &StripJob,
+    cache: &mut Cache,
+    photos: &[(usize, &Useful)],
+    report: &mut StripReport,
+) -> Vec<Option<Arc<Mips>>> {
+    let found: Vec<(usize, bool, Result<Arc<Mips>, Loss>)> = photos
+        .par_iter()
+        .map(|(index, useful)| {
+            let kept = cache.crop(*index);
+            let (decoded, [from_px, to_px]) = (kept.is_none(), useful.crop_px);
+            let decode = || job.candidates[*index].mips().map(|mips| Arc::new(mips.cropped(from_px, to_px)));
+            (*index, decoded, kept.map_or_else(decode, Ok))
+        })
+        .collect();
+    let mut crops = Vec::with_capacity(found.len());
+    for (index, decoded, crop) in found {
+        report.decoded += usize::from(decoded);
+        crops.push(crop.map_err(|loss| report.lose(loss)).ok());
+        if decoded && let Some(Some(crop)) = crops.last() {
+            cache.keep_crop(index, crop.clone());
+        }
+    }
+    crops
 }
 
-impl Cache {
-    fn new(limit_bytes: usize) -> Self {
-        Self { limit_bytes, photos: BTreeMap::new() }
-    }
-
-    /// Returns the photos, decoding in parallel what is not at hand.
-    fn fetch(
-        &mut self,
-        candidates: &[Candidate],
-        indices: &[usize],
-        report: &mut StripReport,
-    ) -> Vec<Option<Arc<Mips>>> {
-        let photos: Vec<Result<Arc<Mips>, Loss>> = indices
-            .par_iter()
-            .map(|index| match self.photos.get(index) {
-                Some(mips) => Ok(mips.clone()),
-                None => candidates[*index].mips().map(Arc::new),
-            })
-            .collect();
-        let mut found = Vec::with_capacity(photos.len());
-        for (&index, photo) in indices.iter().zip(photos) {
-            match photo {
-                Ok(mips) => {
-                    self.photos.entry(index).or_insert_with(|| {
-                        report.decoded += 1;
-                        mips.clone()
-                    });
-                    found.push(Some(mips));
-                }
-                Err(loss) => {
-                    if !report.losses.contains(&loss) {
-                        report.losses.push(loss);
-                    }
-                    found.push(None);
-                }
-            }
+impl StripReport {
+    fn lose(&mut self, loss: Loss) {
+        if !self.losses.contains(&loss) {
+            self.losses.push(loss);
         }
-        // Photos come in the order of the journey, so the highest number is needed last.
-        while self.photos.values().map(|mips| mips.bytes()).sum::<usize>() > self.limit_bytes && self.photos.len() > 1 {
-            self.photos.pop_last();
-        }
-        found
     }
 }

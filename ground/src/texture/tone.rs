@@ -1,14 +1,17 @@
 //! Exposure per photo and shading shared by all photos, solved together from where photos overlap.
 //!
-//! Model, per colour channel: `log I = log albedo + gain(photo) + shading(u, v)`. The shading is a polynomial in the
+//! Model, per colour channel: `log I = log albedo + gain(photo) + shading(u, v)`, `I` the grey level plus [`SRGB_OFFSET`]: there
+//! the sRGB curve is a power law, and a factor on the light is one factor for dark and bright (on the level itself, twice the
+//! light is a factor of 1.41 in the dark and 1.36 in the bright). The shading is a polynomial in the
 //! offset (u, v) from the principal point over the half diagonal: all terms up to the fourth order (vignetting, and a
 //! lamp beside the lens that lights one side more) and r^6. On concrete it leaves 1.3 % between photos of the same
-//! place; r^2, r^4 and r^6 alone leave 5.9 %, and their error adds up to a trend along the tunnel. In gamma-encoded values an exposure is a factor too (a power law turns
-//! factors into factors). The albedo of each place is eliminated (differences to the mean of the views of that place);
+//! place; r^2, r^4 and r^6 alone leave 5.9 %, and their error adds up to a trend along the tunnel. The albedo of each place is eliminated (differences to the mean of the views of that place);
 //! what is left is linear least squares with weak priors, re-weighted against highlights and things that moved
 //! (a Geman-McClure loss), solved by conjugate gradients, so cost grows linearly with the number of photos.
 
 use adit_geometry::camera::Camera;
+
+use super::layer::Rgbx;
 
 /// Standard deviation of a photo's log exposure about the mean.
 const GAIN_SIGMA: f64 = 0.5;
@@ -17,14 +20,23 @@ const GAIN_SIGMA: f64 = 0.5;
 const ALBEDO_SIGMA: f64 = 1.0;
 /// Standard deviation of each coefficient of the shading.
 const SHADING_SIGMA: f64 = 0.5;
+/// That of the odd ones, which only a lamp beside the lens makes (0.05 for 7 cm at 3 m). A shading that grows along the axis, exposures
+/// that drift and a wall that darkens look the same to the photos; without this the drift is taken for the other two.
+const ODD_SIGMA: f64 = 0.05;
+/// Which coefficients are odd in u or in v.
+const ODD_TERMS: [usize; 6] = [0, 1, 5, 6, 7, 8];
 /// Noise of a sample's logarithm: texture that two photos average differently.
 const NOISE_SIGMA: f64 = 0.04;
 /// Rounds of re-weighting, with the loss's width in units of [`NOISE_SIGMA`].
 const LOSS_WIDTHS: [f64; 4] = [20.0, 8.0, 3.0, 3.0];
 /// Conjugate gradient steps at most; 50 photos need about 30.
 const CG_STEPS: usize = 400;
-/// Samples outside are clipped or drowned in noise.
-const USABLE_LEVELS: std::ops::Range<f32> = 8.0..249.0;
+/// Samples outside are clipped, or below the sRGB curve's straight foot.
+const USABLE_LEVELS: std::ops::Range<f32> = 11.0..249.0;
+/// The sRGB curve (IEC 61966-2-1) is `level + 255 * 0.055 = 255 * 1.055 * light^(1 / 2.4)` above its foot.
+const SRGB_OFFSET: f32 = 255.0 * 0.055;
+/// Its exponent: a log factor on the light is so many times that on the level with its offset.
+const SRGB_GAMMA: f64 = 2.4;
 /// Coefficients of the shading.
 const TERMS: usize = 15;
 /// Steps of the lookup table across and down a photo; interpolation errs by less than 0.1 %.
@@ -47,9 +59,9 @@ pub(super) struct ToneSample {
 #[derive(Clone, Debug)]
 pub(super) struct Tones {
     /// Log gain per photo and channel.
-    pub(super) gains: Vec<[f64; 3]>,
+    gains: Vec<[f64; 3]>,
     /// Coefficients of the shading per channel.
-    pub(super) shading: [[f64; TERMS]; 3],
+    shading: [[f64; TERMS]; 3],
     /// Root mean square of the differences (log, green) between overlapping photos before and after.
     pub(super) rms_before: f64,
     pub(super) rms_after: f64,
@@ -75,11 +87,17 @@ impl Tones {
         terms(offset).iter().zip(self.shading[channel]).map(|(term, coefficient)| term * coefficient).sum()
     }
 
-    /// Mean brightness (green) at the four corners of a photo against its principal point.
+    /// Factors on the red, green and blue light that a photo's exposure makes, against the mean of all.
+    pub(super) fn light_gains(&self) -> impl Iterator<Item = [f64; 3]> {
+        self.gains.iter().map(|gain| gain.map(|log| (SRGB_GAMMA * log).exp()))
+    }
+
+    /// Mean light (green) at the four corners of a photo against its principal point.
     pub(super) fn corner_brightness(&self, camera: &Camera<f64>) -> f64 {
         let (width, height) = (camera.width_px as f32, camera.height_px as f32);
         let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
-        corners.map(|corner| self.shading_log(1, offset(camera, corner)).exp()).iter().sum::<f64>() / 4.0
+        let light = |corner| (SRGB_GAMMA * self.shading_log(1, offset(camera, corner))).exp();
+        corners.map(light).iter().sum::<f64>() / 4.0
     }
 }
 
@@ -101,14 +119,26 @@ impl ToneCurve {
                 let offset = offset(camera, pixel);
                 let factor =
                     |channel: usize| (-tones.gains[view][channel] - tones.shading_log(channel, offset)).exp() as f32;
-                table.push([factor(0), factor(1), factor(2), 0.0]);
+                table.push([factor(0), factor(1), factor(2), 1.0]);
             }
         }
         Self { table, steps_per_px: [across as f32 / width, down as f32 / height] }
     }
 
+    /// A colour of the photo as it would be at the common exposure.
+    pub(super) fn evened(&self, colour: Rgbx, [u_px, v_px]: [f32; 2]) -> Rgbx {
+        let factors = self.factors(u_px, v_px);
+        std::array::from_fn(|i| (colour[i] + SRGB_OFFSET) * factors[i] - SRGB_OFFSET)
+    }
+
+    /// The inverse of [`Self::evened`].
+    pub(super) fn unevened(&self, colour: Rgbx, [u_px, v_px]: [f32; 2]) -> Rgbx {
+        let factors = self.factors(u_px, v_px);
+        std::array::from_fn(|i| (colour[i] + SRGB_OFFSET) / factors[i] - SRGB_OFFSET)
+    }
+
     /// Factors for red, green and blue at a pixel.
-    pub(super) fn factors(&self, u_px: f32, v_px: f32) -> [f32; 4] {
+    fn factors(&self, u_px: f32, v_px: f32) -> [f32; 4] {
         let [across, down] = TABLE_STEPS;
         let (x, y) = (u_px.max(0.0) * self.steps_per_px[0], v_px.max(0.0) * self.steps_per_px[1]);
         let (column, row) = ((x as usize).min(across - 1), (y as usize).min(down - 1));
@@ -167,7 +197,7 @@ impl System {
         for group in groups {
             system.observations.extend(group.iter().map(|sample| Observation {
                 view: sample.view as usize,
-                log: f64::from(sample.colour[channel]).ln(),
+                log: f64::from(sample.colour[channel] + SRGB_OFFSET).ln(),
                 terms: terms(sample.offset),
                 weight: 1.0,
             }));
@@ -251,7 +281,11 @@ impl System {
     }
 
     fn prior(&self, index: usize) -> f64 {
-        let sigma = if index < self.views { GAIN_SIGMA } else { SHADING_SIGMA };
+        let sigma = match index.checked_sub(self.views) {
+            None => GAIN_SIGMA,
+            Some(term) if ODD_TERMS.contains(&term) => ODD_SIGMA,
+            Some(_) => SHADING_SIGMA,
+        };
         (NOISE_SIGMA / sigma).powi(2)
     }
 
@@ -329,8 +363,9 @@ mod tests {
                     let along = |step: u32| (spot * step + reach * 29 + view * 7) % 40;
                     let offset = [13, 17].map(|step| along(step) as f32 / 25.0 - 0.8);
                     let odd = outliers && (cell + view).is_multiple_of(11);
-                    let level = albedo * (truth.gains[view as usize][1] + truth.shading_log(1, offset)).exp();
-                    let level = (if odd { level * 0.5 } else { level }) as f32;
+                    let factor = (truth.gains[view as usize][1] + truth.shading_log(1, offset)).exp() as f32;
+                    let level = (albedo as f32 + SRGB_OFFSET) * factor - SRGB_OFFSET;
+                    let level = if odd { level * 0.5 } else { level };
                     samples.push(ToneSample { cell, view, colour: [level; 3], offset });
                 }
             }
@@ -382,6 +417,18 @@ mod tests {
             let expected = (-tones.gains[3][0] - tones.shading_log(0, offset(&camera, pixel))).exp();
             let found = f64::from(curve.factors(pixel[0], pixel[1])[0]);
             assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected} at {pixel:?}");
+            let there_and_back = curve.evened(curve.unevened([100.0; 4], pixel), pixel);
+            assert!((there_and_back[1] - 100.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn a_factor_on_the_light_is_one_factor_whatever_the_level() {
+        let srgb = |light: f64| 255.0 * (1.055 * light.powf(1.0 / SRGB_GAMMA) - 0.055);
+        let curve = ToneCurve { table: vec![[2.0_f32.powf(1.0 / 2.4); 4]; 49 * 37], steps_per_px: [0.048, 0.048] };
+        for light in [0.01, 0.1, 0.45] {
+            let found = curve.evened([srgb(light) as f32; 4], [500.0, 400.0])[1];
+            assert!((f64::from(found) - srgb(2.0 * light)).abs() < 0.01, "{found} at {light}");
         }
     }
 }

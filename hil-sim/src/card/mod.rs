@@ -176,6 +176,7 @@ fn shot(index: u32, exposure: &Exposure) -> Shot {
         velocity_mps: exposure.velocity_mps,
         angular_velocity_rad_per_s: exposure.angular_velocity_rad_per_s,
         light_level: exposure.light_level,
+        gain_factors: [1.0; 3],
     }
 }
 

@@ -145,7 +145,7 @@ mod tests {
         let blocked = folder.path().join("DCIM");
         std::fs::write(&blocked, "a file in the way").expect("writable");
         let photo =
-            RenderedPhoto { image: RgbImage { width: 8, height: 8, data: vec![0; 192] }, mask: None, gain: 1.0 };
+            RenderedPhoto { image: RgbImage { width: 8, height: 8, data: vec![0; 192] }, mask: None, gains: [1.0; 3] };
         let error = write_photo(folder.path(), &CardPlace::new(1, 0), &photo, 92, 0.01, ExifTime(0));
         assert!(error.expect_err("blocked").to_string().contains("GOPR0001.JPG"));
     }

@@ -42,6 +42,8 @@ pub struct Shot {
     pub angular_velocity_rad_per_s: Vector3<f64>,
     /// Brightness of the lamp, 0 to 1.
     pub light_level: f64,
+    /// Factors on the red, green and blue gains that the exposure control chooses.
+    pub gain_factors: [f64; 3],
 }
 
 impl Shot {
@@ -54,6 +56,7 @@ impl Shot {
             velocity_mps: Vector3::zeros(),
             angular_velocity_rad_per_s: Vector3::zeros(),
             light_level: 1.0,
+            gain_factors: [1.0; 3],
         }
     }
 
@@ -79,8 +82,8 @@ pub struct RenderedPhoto {
     pub image: RgbImage,
     /// 0 where a part of the vehicle hides the wall, 255 elsewhere; `None` where the vehicle is not in view.
     pub mask: Option<Vec<u8>>,
-    /// Gain that the exposure control chose.
-    pub gain: f64,
+    /// Red, green and blue gains on the light, before the sRGB curve.
+    pub gains: [f64; 3],
 }
 
 /// Renders photos of one tunnel with one camera.
@@ -141,7 +144,7 @@ impl PhotoRenderer {
         RenderedPhoto {
             image: RgbImage { width, height, data },
             mask: masked.then_some(mask),
-            gain: view.exposure.gain(),
+            gains: view.exposure.gains(),
         }
     }
 }

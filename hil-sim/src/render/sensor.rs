@@ -16,14 +16,19 @@ pub(super) struct Sensor {
 /// Gains of one photo.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Exposure {
-    gain: f64,
     channels: Rgb,
     seed: u64,
 }
 
 impl Exposure {
-    pub(super) fn gain(&self) -> f64 {
-        self.gain
+    /// Red, green, blue.
+    pub(super) fn gains(&self) -> [f64; 3] {
+        self.channels.map(f64::from)
+    }
+
+    /// The same with each gain multiplied.
+    pub(super) fn times(self, factors: [f64; 3]) -> Self {
+        Self { channels: std::array::from_fn(|channel| self.channels[channel] * factors[channel] as f32), ..self }
     }
 }
 
@@ -41,7 +46,7 @@ impl Sensor {
         let random = |stream| f64::from(normal(noise::derive_seed(photo_seed, stream)));
         let gain = automatic.clamp(0.02, 64.0) * (self.config.exposure_drift * random(1)).exp();
         let balance = |stream| (gain * (self.config.white_balance_drift * random(stream)).exp()) as f32;
-        Exposure { gain, channels: [balance(2), gain as f32, balance(3)], seed: noise::derive_seed(photo_seed, 4) }
+        Exposure { channels: [balance(2), gain as f32, balance(3)], seed: noise::derive_seed(photo_seed, 4) }
     }
 
     /// Share of the light that arrives at the squared distance `r2` from the image's middle (1 at the corner).
@@ -110,7 +115,7 @@ mod tests {
         let with = |auto_exposure| {
             let config = SensorConfig { auto_exposure, exposure_drift: 0.0, ..SensorConfig::default() };
             let sensor = Sensor::new(config);
-            sensor.expose(0.05, 1).gain() / sensor.expose(0.2, 2).gain()
+            sensor.expose(0.05, 1).gains()[1] / sensor.expose(0.2, 2).gains()[1]
         };
         assert!((with(1.0) - 4.0).abs() < 1e-9);
         assert!((with(0.5) - 2.0).abs() < 1e-9);

@@ -44,6 +44,22 @@ pub fn write_poses<'a>(
     write_file(file, text.as_bytes())
 }
 
+/// Writes the gains (red, green, blue; on the light, before the sRGB curve) that made each photo.
+///
+/// # Errors
+/// [`RenderError::Write`] if the file cannot be written.
+pub fn write_exposures<'a>(
+    file: &Path,
+    photos: impl IntoIterator<Item = (&'a str, [f64; 3])>,
+) -> Result<(), RenderError> {
+    let mut text = String::from("photo,gain_red,gain_green,gain_blue\n");
+    for (photo, [red, green, blue]) in photos {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{photo},{red:.6},{green:.6},{blue:.6}");
+    }
+    write_file(file, text.as_bytes())
+}
+
 /// Geometry of the unrolled texture, with the fields of `panorama.json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TextureGeometry {

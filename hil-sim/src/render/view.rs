@@ -77,7 +77,7 @@ impl<'a> View<'a> {
             blurred: !shot.is_still() && config.sensor.exposure_s > 0.0,
         };
         let photo_seed = noise::derive_seed(renderer.seed, u64::from(shot.index));
-        view.exposure = renderer.sensor.expose(view.metered(), photo_seed);
+        view.exposure = renderer.sensor.expose(view.metered(), photo_seed).times(shot.gain_factors);
         view
     }
 

@@ -4,7 +4,7 @@ use adit_geometry::profile::{Part, ProfileSpec};
 use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::render::VehiclePartConfig;
+use crate::render::{SensorConfig, VehiclePartConfig};
 use crate::scene::{PartTexture, Pattern, TextureConfig};
 
 /// What a set is to show; the names of the command line.
@@ -35,6 +35,8 @@ pub enum SetKind {
     IdenticalBricks,
     /// The underpass by a rolling shutter, the shaft still turning at 12 degrees per second
     UnsettledShaft,
+    /// Brick with exposures and white balances that drift and jump
+    ExposureDrift,
 }
 
 /// How a set is made.
@@ -60,6 +62,9 @@ pub(super) struct Recipe {
     pub(super) shaft_deg_per_s: f64,
     /// Between the first and the last row's exposure.
     pub(super) rolling_shutter_s: f64,
+    pub(super) sensor: SensorConfig,
+    /// Exposure and white balance drift from photo to photo ([`super::exposure`]).
+    pub(super) drifts: bool,
 }
 
 /// How far true poses stray from the plan, one standard deviation.
@@ -98,6 +103,8 @@ impl SetKind {
             scatter: FLOWN,
             shaft_deg_per_s: 0.0,
             rolling_shutter_s: 0.0,
+            sensor: SensorConfig::default(),
+            drifts: false,
         };
         let underpass = Recipe {
             nominal: UNDERPASS,
@@ -121,6 +128,11 @@ impl SetKind {
             Self::Cylindrical => Recipe { photos: 170, advance_m: 1.0, stands: true, ..underpass },
             Self::Trolley => Recipe { photos: 230, advance_m: 22.0 / 230.0, ..underpass },
             Self::Long => Recipe { photos: 2300, advance_m: 22.0 / 230.0, ..underpass },
+            Self::ExposureDrift => Recipe {
+                sensor: SensorConfig { auto_exposure: 1.0, vignetting: 0.5, ..SensorConfig::default() },
+                drifts: true,
+                ..circle(Pattern::Brick)
+            },
             Self::Imperfect => {
                 Recipe { built: ProfileSpec::Circle { radius_m: 3.03 }, imperfect: true, ..circle(Pattern::Brick) }
             }

@@ -4,6 +4,7 @@
 //! comparison asks for. Wall, paint, photos and range sensors are those of the flights. Every number is a function of
 //! kind, seed and number of photos.
 
+mod exposure;
 mod kind;
 mod path;
 mod relief;
@@ -23,8 +24,8 @@ use serde::Serialize;
 pub use kind::SetKind;
 
 use crate::render::card::{CardPlace, encode_photo, write_file, write_mask};
-use crate::render::truth::{TextureGeometry, write_poses, write_texture};
-use crate::render::{ExifTime, PhotoRenderer, RenderConfig, RenderError};
+use crate::render::truth::{TextureGeometry, write_exposures, write_poses, write_texture};
+use crate::render::{ExifTime, PhotoRenderer, RenderConfig, RenderError, Shot};
 use crate::scene::paint::LiningPaint;
 use crate::scene::{BulgeConfig, PipeConfig, Wall, WallConfig, WallError};
 use crate::seed::{Random, Stream};
@@ -109,6 +110,8 @@ struct Set {
     captures: Vec<Capture>,
     /// While a photo is read out.
     shaft_rad_per_s: f64,
+    /// Factors on each photo's gains.
+    gain_factors: Vec<[f64; 3]>,
     figures: SetFigures,
 }
 
@@ -169,9 +172,16 @@ impl Set {
             odometer_scale_error: tags::odometer_scale(seed),
             shaft_deg_per_s: recipe.shaft_deg_per_s,
             wall: wall_config,
-            render: RenderConfig { vehicle_parts: recipe.vehicle_parts, ..RenderConfig::default() },
+            render: RenderConfig {
+                vehicle_parts: recipe.vehicle_parts,
+                sensor: recipe.sensor,
+                ..RenderConfig::default()
+            },
         };
-        Ok(Self { survey, wall, paint, captures, shaft_rad_per_s: recipe.shaft_deg_per_s.to_radians(), figures })
+        let gain_factors =
+            if recipe.drifts { exposure::drift(captures.len(), seed) } else { vec![[1.0; 3]; captures.len()] };
+        let shaft_rad_per_s = recipe.shaft_deg_per_s.to_radians();
+        Ok(Self { survey, wall, paint, captures, shaft_rad_per_s, gain_factors, figures })
     }
 
     fn tags_csv(&self, places: &[CardPlace], seed: u64) -> String {
@@ -192,16 +202,20 @@ impl Set {
         let CameraConfig { camera, rolling_shutter_s: readout_s, .. } = self.survey.camera;
         let wall = Arc::new(self.wall.clone());
         let renderer = PhotoRenderer::new(camera, readout_s, wall, self.paint.clone(), render, seed)?;
-        places.par_iter().zip(&self.captures).enumerate().try_for_each(|(index, (place, capture))| {
-            let shot = capture.shot(index as u32, self.shaft_rad_per_s);
+        let shots = places.par_iter().zip(&self.captures).zip(&self.gain_factors).enumerate();
+        let gains = shots.map(|(index, ((place, capture), &gain_factors))| {
+            let shot = Shot { gain_factors, ..capture.shot(index as u32, self.shaft_rad_per_s) };
             let photo = renderer.render(&shot);
             let taken = ExifTime(FIRST_PHOTO + index as i64);
             let bytes = encode_photo(&photo.image, render.jpeg_quality, render.sensor.exposure_s, taken)?;
             write_file(&out.join("photos").join(&place.name), &bytes)?;
             write_mask(&out.join("masks"), place, &photo)?;
             after_each(places.len());
-            Ok(())
-        })
+            Ok(photo.gains)
+        });
+        let gains = gains.collect::<Result<Vec<_>, RenderError>>()?;
+        let photos = places.iter().map(|place| place.name.as_str()).zip(gains);
+        write_exposures(&out.join("truth/exposure.csv"), photos)
     }
 }
 

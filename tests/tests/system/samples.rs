@@ -10,7 +10,7 @@ fn samples() -> Option<PathBuf> {
     start.ancestors().map(|folder| folder.join("shared/samples")).find(|folder| folder.is_dir())
 }
 
-fn reconstructs(name: &str) {
+fn reconstructs(name: &str, median_shift_mm: f64) {
     let Some(sample) = samples().map(|folder| folder.join(name)).filter(|folder| folder.is_dir()) else {
         eprintln!("skipped: {name} (no shared/samples above the checkout)");
         return;
@@ -31,19 +31,23 @@ fn reconstructs(name: &str) {
     assert!(rmse_mm("aligned") < 1.0, "{evaluation:#}");
     assert!(rmse_mm("absolute") < 5.0, "{evaluation:#}");
     assert!(coloured >= 99.0, "{evaluation:#}");
+    let shift_mm = |which: &str| evaluation["panorama"]["relative_mm"][which].as_f64().expect("a number");
+    eprintln!("{name}: texture shift {:.2} mm (median), {:.2} mm (largest)", shift_mm("median"), shift_mm("max"));
+    assert!(shift_mm("median") < median_shift_mm && shift_mm("max") < 2.0, "{evaluation:#}");
 }
 
 #[test]
 fn brick_in_a_circle() {
-    reconstructs("cylinder-brick-spiral");
+    reconstructs("cylinder-brick-spiral", 0.6);
 }
 
 #[test]
 fn concrete_in_a_circle() {
-    reconstructs("cylinder-concrete-spiral");
+    // 0.60 mm measured at 2 mm per pixel, of which the metric's own floor is 0.15 to 0.34 mm.
+    reconstructs("cylinder-concrete-spiral", 0.8);
 }
 
 #[test]
 fn an_underpass() {
-    reconstructs("underpass-spiral");
+    reconstructs("underpass-spiral", 0.6);
 }

@@ -16,6 +16,49 @@ fn a_set_is_reconstructed_and_evaluated_as_any_survey() {
     assert!(aligned < 10.0, "{evaluation:#}");
 }
 
+/// Columns of a CSV file by their names in the header.
+fn table(path: &std::path::Path) -> Vec<Vec<String>> {
+    let text = std::fs::read_to_string(path).expect("a table");
+    text.lines().skip(1).map(|line| line.split(',').map(str::to_owned).collect()).collect()
+}
+
+#[test]
+fn drifting_exposures_are_found_and_leave_no_seams() {
+    let survey = tempfile::tempdir().expect("a temporary folder");
+    let folder = text(survey.path());
+    let set = ["survey", "exposure-drift", "--out", folder, "--photos", "30", "--width-px", "400", "--no-texture"];
+    figures("adit-sim", &set);
+    figures("adit", &["reconstruct", folder]);
+    let report = std::fs::read_to_string(survey.path().join("out/report.json")).expect("a report");
+    let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
+    let texture = &report["texture"];
+    let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+    let seams = |which: &str| number(&texture["seams"][which]);
+    eprintln!("steps: {:#}", texture["seams"]);
+    assert!(seams("step_before") > 8.0, "{texture:#}");
+    assert!(seams("step_evened") < 4.0 && seams("step_blended") < 2.0, "{texture:#}");
+
+    // Logarithms of the gains, less their mean: the wall's own brightness is not known.
+    let truth = table(&survey.path().join("truth/exposure.csv"));
+    let gains = texture["gains"].as_array().expect("gains");
+    assert_eq!(gains.len(), truth.len());
+    for channel in 0..3 {
+        let errors: Vec<f64> = gains
+            .iter()
+            .zip(&truth)
+            .map(|(found, truth)| {
+                assert_eq!(found["photo"], truth[0].as_str());
+                let truth: f64 = truth[channel + 1].parse().expect("a gain");
+                number(&found["gain"][channel]).ln() - truth.ln()
+            })
+            .collect();
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let rms = (errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / errors.len() as f64).sqrt();
+        eprintln!("channel {channel}: gains within {:.1} % (RMS)", 100.0 * rms);
+        assert!(rms < 0.08, "channel {channel}: {errors:?}");
+    }
+}
+
 #[test]
 fn a_shaft_that_still_turns_while_photos_are_read_out_is_accounted_for() {
     let survey = tempfile::tempdir().expect("a temporary folder");
