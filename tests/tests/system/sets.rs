@@ -63,7 +63,7 @@ fn drifting_exposures_are_found_and_leave_no_seams() {
 fn a_shaft_that_still_turns_while_photos_are_read_out_is_accounted_for() {
     let survey = tempfile::tempdir().expect("a temporary folder");
     let folder = text(survey.path());
-    let size = ["--photos", "24", "--width-px", "500", "--no-texture"];
+    let size = ["--photos", "24", "--no-texture"];
     figures("adit-sim", &[&["survey", "unsettled-shaft", "--out", folder], &size[..]].concat());
     let aligned_mm = || {
         figures("adit", &["reconstruct", folder, "--stop-after", "adjust", "--fresh"]);
