@@ -62,6 +62,8 @@ after(async () => {
 async function open() {
   const page = await browser.newPage({ viewport: { width: 900, height: 620 } });
   page.problems = [];
+  page.asked = [];
+  page.on("request", (request) => page.asked.push(request.url()));
   page.on("pageerror", (error) => page.problems.push(String(error)));
   page.on("console", (message) => message.type() === "error" && page.problems.push(message.text()));
   await page.goto(server.url);
@@ -113,8 +115,6 @@ test("the page loads, and finer tiles arrive while zooming, down to the panorama
   await page.evaluate(() => document.getElementById("panel-button").click());
   await unroll(page);
   const coarse = await finest(page);
-  const asked = [];
-  page.on("request", (request) => asked.push(request.url()));
   const far = await find(page, DOTS.red.rgb);
   assert.ok(far.count > 10, "the red dot is on the screen");
   await page.mouse.move(far.x, far.y);
@@ -125,7 +125,8 @@ test("the page loads, and finer tiles arrive while zooming, down to the panorama
   assert.ok(Math.hypot(near.x - far.x, near.y - far.y) < 30, "the place under the pointer stays there");
   assert.equal(await finest(page), LAST_LEVEL);
   assert.ok(coarse < LAST_LEVEL, `the overview was drawn from level ${coarse}`);
-  assert.ok(asked.some((url) => url.includes(`/panorama_files/${LAST_LEVEL}/`)));
+  // Perhaps before the zoom already, for the wall beside the camera.
+  assert.ok(page.asked.some((url) => url.includes(`/panorama_files/${LAST_LEVEL}/`)));
   assert.deepEqual(page.problems, []);
   await page.close();
 });
