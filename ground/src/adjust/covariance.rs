@@ -4,8 +4,9 @@ use nalgebra::Matrix6;
 
 use super::problem::{Problem, Weights};
 use super::shared::{Free, PARAMETERS, SharedSigmas};
-use super::solver::{NotPositiveDefinite, Solver, State, Weighting};
-use super::tunnel::{Estimate, TunnelModel, WITH_POINTS, points_see_shared};
+use super::solver::{NotPositiveDefinite, Solver};
+use super::tunnel::{TunnelModel, WITH_POINTS, points_see_shared};
+use super::{start_of, weighting_of};
 
 /// One standard deviation of a pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,11 +56,8 @@ impl Covariances {
 
 fn at_with<const K: usize>(problem: &Problem<'_>, weights: &Weights) -> Result<Covariances, NotPositiveDefinite> {
     let model = TunnelModel::<K>::new(problem, weights.surface_m);
-    let state = State {
-        estimate: Estimate::new(problem.poses.to_vec(), problem.shared),
-        points: problem.tracks.positions().to_vec(),
-    };
-    let weighting = Weighting { pixel_px: weights.pixel_px, loss: weights.loss, information: None };
+    let state = start_of(problem);
+    let weighting = weighting_of(weights);
     let found = Solver::new(&model).covariances(&weighting, &state)?;
     let free = Free::new(&problem.shared_sigmas, problem.camera);
     let sigma = |parameter: usize| free.column[parameter].map_or(0.0, |column| found.shared[column].sqrt());

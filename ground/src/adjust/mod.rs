@@ -115,11 +115,8 @@ pub fn adjust(problem: &Problem<'_>, weights: &Weights) -> Result<Adjusted, NotP
 fn adjust_with<const K: usize>(problem: &Problem<'_>, weights: &Weights) -> Result<Adjusted, NotPositiveDefinite> {
     let model = TunnelModel::<K>::new(problem, weights.surface_m);
     let mut solver = Solver::new(&model);
-    let mut state = State {
-        estimate: Estimate::new(problem.poses.to_vec(), problem.shared),
-        points: problem.tracks.positions().to_vec(),
-    };
-    let last = Weighting { pixel_px: weights.pixel_px, loss: weights.loss, information: None };
+    let mut state = start_of(problem);
+    let last = weighting_of(weights);
     let cost_before = solver.cost(&last, &state);
     let median_before_px = median(&solver.errors_px(&state));
     let mut iterations = 0;
@@ -152,6 +149,19 @@ fn adjust_with<const K: usize>(problem: &Problem<'_>, weights: &Weights) -> Resu
     Ok(Adjusted { poses, points, shared, report })
 }
 
+/// The problem's own state.
+fn start_of(problem: &Problem<'_>) -> State<Estimate> {
+    State {
+        estimate: Estimate::new(problem.poses.to_vec(), problem.shared),
+        points: problem.tracks.positions().to_vec(),
+    }
+}
+
+/// Matches trusted as `weights` say.
+fn weighting_of(weights: &Weights) -> Weighting {
+    Weighting { pixel_px: weights.pixel_px, loss: weights.loss, information: None }
+}
+
 /// Returns where the shared unknowns go in `iterations` steps from the problem's own state, at the final width of the loss.
 ///
 /// A question to an adjusted problem some of whose fixed unknowns were freed: what would the photos have them be?
@@ -160,11 +170,8 @@ fn adjust_with<const K: usize>(problem: &Problem<'_>, weights: &Weights) -> Resu
 /// [`NotPositiveDefinite`] as in [`adjust`].
 pub fn tendency(problem: &Problem<'_>, weights: &Weights, iterations: usize) -> Result<Shared, NotPositiveDefinite> {
     let model = TunnelModel::<WITH_POINTS>::new(problem, weights.surface_m);
-    let mut state = State {
-        estimate: Estimate::new(problem.poses.to_vec(), problem.shared),
-        points: problem.tracks.positions().to_vec(),
-    };
-    let weighting = Weighting { pixel_px: weights.pixel_px, loss: weights.loss, information: None };
+    let mut state = start_of(problem);
+    let weighting = weighting_of(weights);
     let limits = Limits { iterations, ..LIMITS };
     Solver::new(&model).minimise(&weighting, &mut state, limits)?;
     Ok(state.estimate.shared)

@@ -38,20 +38,20 @@ pub(super) struct Run {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CommonGrid {
     pub(super) columns: usize,
-    pub(super) step_s_m: f64,
-    pub(super) step_x_m: f64,
+    /// Side of a texel, around and along.
+    pub(super) step_m: f64,
     pub(super) x0_m: f64,
     pub(super) perimeter_m: f64,
 }
 
 impl CommonGrid {
     pub(super) fn place(&self, column: usize, row: usize) -> [f64; 2] {
-        [(column as f64 + 0.5) * self.step_s_m, self.x0_m + (row as f64 + 0.5) * self.step_x_m]
+        [(column as f64 + 0.5) * self.step_m, self.x0_m + (row as f64 + 0.5) * self.step_m]
     }
 
     /// Rows of context that [`changes`] needs on either side.
     pub(super) fn margin(&self) -> usize {
-        (WINDOW_M / self.step_x_m).ceil() as usize + FAINT_WINDOW
+        (WINDOW_M / self.step_m).ceil() as usize + FAINT_WINDOW
     }
 }
 
@@ -175,7 +175,7 @@ pub(super) fn changes(
     // Only what both saw: a window that is half unseen in one has another mean.
     let both = grey_a.map(&grey_b, |a, b| if b.is_nan() { f32::NAN } else { a });
     let grey_b = grey_b.map(&grey_a, |b, a| if a.is_nan() { f32::NAN } else { b });
-    let reach = (WINDOW_M / grid.step_x_m).round() as usize;
+    let reach = (WINDOW_M / grid.step_m).round() as usize;
     // What has changed must not darken the means of its surroundings: found once, left out, found again.
     let first = Compared::new(&both, &grey_b, reach, &[]);
     let compared = Compared::new(&both, &grey_b, reach, &first.changed());

@@ -104,7 +104,7 @@ pub fn compare(
     let x0_m = a.extent_m[0].max(b.extent_m[0] - offset.x_m);
     let x1_m = a.extent_m[1].min(b.extent_m[1] - offset.x_m);
     let rows = ((x1_m - x0_m) / step_m).floor().max(0.0) as usize;
-    let grid = CommonGrid { columns, step_s_m: step_m, step_x_m: step_m, x0_m, perimeter_m: a.perimeter_m };
+    let grid = CommonGrid { columns, step_m, x0_m, perimeter_m: a.perimeter_m };
     let both = Both { a: &a, b: &b, step_m, margin_m: 0.2 };
     let bands = ((x1_m - x0_m) / PATCH_M).floor().max(1.0) as usize;
     let around = (a.perimeter_m / PATCH_M).floor().max(1.0) as usize;

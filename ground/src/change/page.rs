@@ -2,13 +2,12 @@
 
 use std::fmt::Write as _;
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use jpeg_encoder::{ColorType, Encoder};
+use jpeg_encoder::ColorType;
 
 use super::align::ShiftField;
 use super::difference::{CommonGrid, Run};
 use super::{Both, Change, ChangeError, ChangeReport};
+use crate::report::jpeg_address;
 
 /// Longest side of the overview.
 const OVERVIEW_PX: usize = 1800;
@@ -20,7 +19,6 @@ const AROUND_M: f64 = 0.15;
 const CROP_PX: usize = 420;
 /// Grey of what no photo saw.
 const UNSEEN: u8 = 236;
-const QUALITY: u8 = 85;
 /// Marks of what became darker and brighter.
 const DARKER: [u8; 3] = [214, 39, 40];
 const BRIGHTER: [u8; 3] = [31, 119, 220];
@@ -71,8 +69,8 @@ fn escaped(text: &str) -> String {
 fn overview(both: &Both<'_>, grid: &CommonGrid, runs: &[Run], rows: usize) -> Result<String, ChangeError> {
     let stride = rows.max(grid.columns).div_ceil(OVERVIEW_PX).max(1);
     let (width, height) = (rows.div_ceil(stride).max(1), grid.columns.div_ceil(stride));
-    let whole = [grid.x0_m, grid.x0_m + rows as f64 * grid.step_x_m];
-    let wall = both.a.band(whole, stride as f64 * grid.step_x_m)?;
+    let whole = [grid.x0_m, grid.x0_m + rows as f64 * grid.step_m];
+    let wall = both.a.band(whole, stride as f64 * grid.step_m)?;
     let mut rgb = Vec::with_capacity(width * height * 3);
     for line in (0..height).rev() {
         for column in 0..width {
@@ -87,7 +85,7 @@ fn overview(both: &Both<'_>, grid: &CommonGrid, runs: &[Run], rows: usize) -> Re
             rgb[at..at + 3].copy_from_slice(&colour);
         }
     }
-    jpeg(&rgb, width, height, ColorType::Rgb)
+    Ok(jpeg_address(&rgb, [width, height], ColorType::Rgb)?)
 }
 
 /// The same part of both walls, turned as the overview is.
@@ -110,16 +108,10 @@ fn crops(change: &Change, both: &Both<'_>, field: &ShiftField) -> Result<[String
             pictures[1].push(byte(b.sample(s_in_b_m, x_in_b_m)));
         }
     }
-    let [a, b] = pictures.map(|grey| jpeg(&grey, width, height, ColorType::Luma));
+    let [a, b] = pictures.map(|grey| jpeg_address(&grey, [width, height], ColorType::Luma));
     Ok([a?, b?])
 }
 
 fn byte(grey: f32) -> u8 {
     if grey.is_nan() { UNSEEN } else { grey.round() as u8 }
-}
-
-fn jpeg(pixels: &[u8], width: usize, height: usize, colours: ColorType) -> Result<String, ChangeError> {
-    let mut jpeg = Vec::new();
-    Encoder::new(&mut jpeg, QUALITY).encode(pixels, width as u16, height as u16, colours)?;
-    Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
 }

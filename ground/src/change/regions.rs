@@ -83,17 +83,17 @@ fn change(grid: &CommonGrid, profile: &Profile<f64>, runs: &[&Run]) -> Change {
     let from = runs.iter().map(|run| unrolled(run.columns[0] as i64, run)).min().unwrap_or(0);
     let to = runs.iter().map(|run| unrolled(run.columns[1] as i64, run)).max().unwrap_or(0) + 1;
     let start = from.rem_euclid(around);
-    let edge_m = |column: i64| column as f64 * grid.step_s_m;
+    let edge_m = |column: i64| column as f64 * grid.step_m;
     let (s_from_m, s_to_m) = (edge_m(start), edge_m(start + to - from));
     let texels: usize = runs.iter().map(|run| run.columns[1] - run.columns[0] + 1).sum();
     Change {
-        x_from_m: grid.x0_m + low as f64 * grid.step_x_m,
-        x_to_m: grid.x0_m + (high + 1) as f64 * grid.step_x_m,
+        x_from_m: grid.x0_m + low as f64 * grid.step_m,
+        x_to_m: grid.x0_m + (high + 1) as f64 * grid.step_m,
         s_from_m,
         s_to_m,
         clock_from: clock_position(profile, s_from_m),
         clock_to: clock_position(profile, s_to_m.rem_euclid(grid.perimeter_m)),
-        area_cm2: texels as f64 * grid.step_s_m * grid.step_x_m * 1e4,
+        area_cm2: texels as f64 * grid.step_m * grid.step_m * 1e4,
         grey: runs.iter().map(|run| run.grey_sum).sum::<f64>() / texels.max(1) as f64,
     }
 }

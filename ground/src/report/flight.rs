@@ -69,9 +69,9 @@ impl Flight {
             }
         }
         figures.flags = counts.into_iter().filter(|(_, count)| *count > 0).collect();
-        let limited: Vec<_> = speeds.iter().filter_map(|&(_, speed, limit)| Some((speed, limit?))).collect();
+        let limited: Vec<_> = speeds.iter().filter_map(|&(x_m, speed, limit)| Some((x_m, speed, limit?))).collect();
         figures.with_limit = limited.len();
-        figures.above_limit = limited.iter().filter(|(speed, limit)| speed > limit).count();
+        figures.above_limit = limited.iter().filter(|(_, speed, limit)| speed > limit).count();
         let all: Vec<f64> = speeds.iter().map(|&(_, speed, _)| speed).collect();
         figures.median_speed_mps = (!all.is_empty()).then(|| median(&all));
         let mean = offsets.iter().sum::<f64>() / offsets.len().max(1) as f64;
@@ -81,7 +81,7 @@ impl Flight {
             figures.water_level_mm = Some(median(&waters.iter().map(|&(_, mm)| mm).collect::<Vec<_>>()));
             figures.highest_water_mm = running.iter().copied().reduce(f64::max);
         }
-        let speed_svg = (!limited.is_empty()).then(|| speed_plot(&speeds));
+        let speed_svg = (!limited.is_empty()).then(|| speed_plot(&limited));
         let water_svg = (waters.len() >= LEAST_READINGS).then(|| water_plot(&waters, running));
         Self { figures, speed_svg, water_svg }
     }
@@ -95,8 +95,8 @@ fn running_medians(readings: &[(f64, f64)], count: usize) -> Vec<f64> {
     (0..readings.len()).map(|index| median(&values(index))).collect()
 }
 
-fn speed_plot(speeds: &[(f64, f64, Option<f64>)]) -> String {
-    let limited: Vec<_> = speeds.iter().filter_map(|&(x_m, speed, limit)| Some((x_m, speed, limit?))).collect();
+/// Place, speed and limit of every capture that has one.
+fn speed_plot(limited: &[(f64, f64, f64)]) -> String {
     let xs: Vec<f64> = limited.iter().map(|&(x_m, ..)| x_m).collect();
     let series = [
         Series { class: "a", label: "speed", values: limited.iter().map(|&(_, speed, _)| speed).collect() },

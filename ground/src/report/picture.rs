@@ -7,7 +7,7 @@ use std::path::Path;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use jpeg_encoder::{ColorType, Encoder};
+use jpeg_encoder::{ColorType, Encoder, EncodingError};
 
 use super::ReportError;
 use crate::texture::{PanoramaGrid, PixelBox, Rgba8, TileReader, read_png};
@@ -44,8 +44,16 @@ fn lying(picture: &Rgba8, longest_px: usize) -> Result<String, ReportError> {
             rgb.extend([over(r), over(g), over(b)]);
         }
     }
+    Ok(jpeg_address(&rgb, [width, height], ColorType::Rgb)?)
+}
+
+/// A picture of `[width, height]` pixels as a JPEG in a data address.
+///
+/// # Errors
+/// If a side is 0 or above 65,535.
+pub(crate) fn jpeg_address(pixels: &[u8], size: [usize; 2], colours: ColorType) -> Result<String, EncodingError> {
     let mut jpeg = Vec::new();
-    Encoder::new(&mut jpeg, QUALITY).encode(&rgb, width as u16, height as u16, ColorType::Rgb)?;
+    Encoder::new(&mut jpeg, QUALITY).encode(pixels, size[0] as u16, size[1] as u16, colours)?;
     Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
 }
 
