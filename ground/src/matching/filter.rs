@@ -4,7 +4,8 @@
 //! Gaussians, and every sum over a template's or a corner's box. Windows start at whole blocks of the wall grid, so every
 //! photo averages alike. What must be done to every texel goes row by row, in vectors, through memory as seldom as possible.
 
-use pulp::Arch;
+
+use crate::vectors::vectorised;
 
 /// Texels averaged before a wide Gaussian or a box sum, per axis.
 pub(super) const DECIMATION: usize = 4;
@@ -78,11 +79,16 @@ impl Band {
             *value = 1.0 / (value.max(0.0).sqrt() + contrast_floor);
         }
         let mut gain = Upsampled::new(gain);
-        for row in 0..texels.height {
-            for (value, gain) in texels.row_mut(row).iter_mut().zip(gain.row(row)) {
-                *value *= gain;
-            }
-        }
+        vectorised(
+            #[inline(always)]
+            || {
+                for row in 0..texels.height {
+                    for (value, gain) in texels.row_mut(row).iter_mut().zip(gain.row(row)) {
+                        *value *= gain;
+                    }
+                }
+            },
+        );
         self.seen = seen;
     }
 }
@@ -107,7 +113,7 @@ pub(super) fn decimated_rows([width, height]: [usize; 2], add: impl Fn(usize, &m
     let mut small = Plane::new(width / DECIMATION, height / DECIMATION);
     let mut sums = vec![0.0; width];
     let share = 1.0 / (DECIMATION * DECIMATION) as f32;
-    Arch::new().dispatch(
+    vectorised(
         #[inline(always)]
         || {
             for block_row in 0..small.height {
@@ -138,6 +144,8 @@ impl Upsampled {
         Self { small, blended, wide }
     }
 
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
     fn row(&mut self, row: usize) -> &[f32] {
         let (first, second, t) = neighbours(row, self.small.height);
         let rows = self.small.row(first).iter().zip(self.small.row(second));
@@ -194,7 +202,7 @@ fn blur(
     // The rows around the current one, in turn; what no row has filled yet is zero.
     let mut ring = vec![0.0; taps.len() * strips];
     let mut column = vec![0.0; strips + 2 * radius];
-    Arch::new().dispatch(
+    vectorised(
         #[inline(always)]
         || {
             for next in 0..height + radius {

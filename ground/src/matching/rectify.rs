@@ -3,11 +3,11 @@
 use std::borrow::Cow;
 
 use nalgebra::{Isometry3, Point3};
-use pulp::Arch;
 
 use super::Pixels;
 use super::filter::Plane;
 use super::wall::{BLOCK, Footprint, WallGrid};
+use crate::vectors::vectorised;
 
 /// Rows between exact projections.
 const KNOT_ROWS: usize = 16;
@@ -71,28 +71,26 @@ impl<T: Copy + Default + PartialEq + Into<f32> + Into<u16>> Image<'_, T> {
     #[inline(always)]
     fn sample<const N: usize>(&self, xs: &[f32; N], ys: &[f32; N]) -> [f32; N] {
         let (most_x, most_y) = ((self.width - 1) as f32, (self.height - 1) as f32);
-        // Also false for NaN.
-        let inside: [bool; N] = std::array::from_fn(|i| xs[i] >= 0.0 && ys[i] >= 0.0 && xs[i] < most_x && ys[i] < most_y);
-        let column: [i32; N] = std::array::from_fn(|i| if inside[i] { xs[i] as i32 } else { 0 });
-        let row: [i32; N] = std::array::from_fn(|i| if inside[i] { ys[i] as i32 } else { 0 });
-        let mut corners = [[0.0; N]; 4];
+        let (mut inside, mut column, mut row) = ([false; N], [0; N], [0; N]);
+        for i in 0..N {
+            // Also false for NaN.
+            inside[i] = (xs[i] >= 0.0) & (ys[i] >= 0.0) & (xs[i] < most_x) & (ys[i] < most_y);
+            column[i] = if inside[i] { xs[i] as i32 } else { 0 };
+            row[i] = if inside[i] { ys[i] as i32 } else { 0 };
+        }
+        let (mut a, mut b, mut c, mut d) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
         for i in 0..N {
             let index = row[i] as usize * self.width + column[i] as usize;
             let (upper, lower) = (&self.levels[index..index + 2], &self.levels[index + self.width..][..2]);
-            let around = [upper[0], upper[1], lower[0], lower[1]];
-            for (corner, level) in corners.iter_mut().zip(around) {
-                corner[i] = level.into();
-            }
+            (a[i], b[i], c[i], d[i]) = (upper[0].into(), upper[1].into(), lower[0].into(), lower[1].into());
         }
-        let mut logarithms = std::array::from_fn(|i| {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| corners[corner][i]);
-            let (tx, ty) = (xs[i] - column[i] as f32, ys[i] - row[i] as f32);
-            let (top, bottom) = (a + tx * (b - a), c + tx * (d - c));
-            logarithm(self.step * (top + ty * (bottom - top)) + LOG_OFFSET)
-        });
+        let mut logarithms = [f32::NAN; N];
         for i in 0..N {
-            let hidden = self.masked && corners.iter().any(|corner| corner[i] == 0.0);
-            logarithms[i] = if inside[i] && !hidden { logarithms[i] } else { f32::NAN };
+            let (tx, ty) = (xs[i] - column[i] as f32, ys[i] - row[i] as f32);
+            let (top, bottom) = (a[i] + tx * (b[i] - a[i]), c[i] + tx * (d[i] - c[i]));
+            let sample = logarithm(self.step * (top + ty * (bottom - top)) + LOG_OFFSET);
+            let hidden = self.masked & (a[i].min(b[i]).min(c[i]).min(d[i]) == 0.0);
+            logarithms[i] = if inside[i] & !hidden { sample } else { f32::NAN };
         }
         logarithms
     }
@@ -146,7 +144,7 @@ where
         return;
     }
     let [blocks_wide, blocks_high] = footprint.size;
-    Arch::new().dispatch(
+    vectorised(
         #[inline(always)]
         || {
             for (block_row, block_column) in

@@ -4,6 +4,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::patch::{MIN_VARIANCE, Patch};
 use super::texels::Texels;
+use crate::vectors::vectorised;
 
 /// Window columns worked on together: enough independent sums to hide the latency of a fused multiply-add.
 const GROUP: usize = 8;
@@ -140,7 +141,7 @@ impl Search {
         self.template.resize(side * stride, 0.0);
         let corner = middle.map(|middle| middle - size.half as i64);
         from.copy_rectangle(corner, [side; 2], &mut self.template, stride);
-        let [sum, squares] = Arch::new().dispatch(
+        let [sum, squares] = vectorised(
             #[inline(always)]
             || sums(&self.template),
         );

@@ -2,9 +2,9 @@
 
 use std::sync::OnceLock;
 
-use pulp::Arch;
 
 use super::filter::Plane;
+use crate::vectors::vectorised;
 
 /// Steps per standard deviation of the local contrast. Rounding adds 1 % of noise; what stands out by four standard deviations
 /// saturates.
@@ -26,7 +26,7 @@ impl Texels {
     /// Rounds a band in standard deviations.
     pub(super) fn new(band: &Plane) -> Self {
         let mut data = vec![0; band.data.len()];
-        Arch::new().dispatch(
+        vectorised(
             #[inline(always)]
             || {
                 for (texel, value) in data.iter_mut().zip(&band.data) {
@@ -68,7 +68,7 @@ impl Texels {
             return;
         }
         let start = (corner[0] + skip as i64) as usize;
-        Arch::new().dispatch(
+        vectorised(
             #[inline(always)]
             || {
                 for (source_row, row) in (corner[1]..).zip(target.chunks_exact_mut(stride).take(height)) {
