@@ -148,7 +148,7 @@ fn adjust_with<const K: usize>(
         if scale <= 1.0 {
             break minimised;
         }
-        scale = (scale * 0.5).max(1.0);
+        scale = (scale * 0.25).max(1.0);
     };
     let errors_px = solver.errors_px(&state);
     let report = AdjustReport {

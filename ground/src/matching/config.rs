@@ -80,7 +80,7 @@ impl MatchConfig {
             band_large_px: 8.0,
             // About the noise of a dark photo.
             contrast_floor: 0.01,
-            cell_px: 40,
+            cell_px: 48,
             corner_px: 4,
             min_ncc: 0.3,
             gate_px: 3.0,
@@ -97,7 +97,7 @@ impl MatchConfig {
     pub fn fine(native_m: f64) -> Self {
         Self {
             grid_m: 0.95 * native_m,
-            template_px: 41,
+            template_px: 39,
             min_search_px: 3,
             search_sigmas: 3.0,
             widen: 1.0,

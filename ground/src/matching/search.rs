@@ -137,8 +137,6 @@ impl Search {
     /// Takes the template's deviations from its mean; returns one over their norm, or `None` if there is too little contrast.
     fn take_template(&mut self, from: &Texels, middle: [i64; 2], size: &SearchSize) -> Option<f32> {
         let (side, stride) = (size.side(), size.template_stride());
-        self.template.clear();
-        self.template.resize(side * stride, 0.0);
         let corner = middle.map(|middle| middle - size.half as i64);
         from.copy_rectangle(corner, [side; 2], &mut self.template, stride);
         let [sum, squares] = vectorised(
@@ -157,8 +155,6 @@ impl Search {
     fn take_window(&mut self, to: &Texels, target: [i64; 2], size: &SearchSize) {
         let stride = size.window_stride();
         let side = size.reach.map(|reach| 2 * (size.half + reach) + 1);
-        self.window.clear();
-        self.window.resize(side[1] * stride, 0.0);
         let corner = [0, 1].map(|axis| target[axis] - (size.half + size.reach[axis]) as i64);
         to.copy_rectangle(corner, side, &mut self.window, stride);
     }

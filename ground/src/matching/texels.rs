@@ -54,25 +54,31 @@ impl Texels {
         })
     }
 
-    /// Copies a rectangle in standard deviations; what lies beyond the grid stays as it was in `target`.
+    /// Copies a rectangle in standard deviations into the first columns of rows of `stride`; zero in the others and beyond the grid.
     pub(super) fn copy_rectangle(
         &self,
         corner: [i64; 2],
         [width, height]: [usize; 2],
-        target: &mut [f32],
+        target: &mut Vec<f32>,
         stride: usize,
     ) {
+        target.resize(height * stride, 0.0);
         let skip = (-corner[0]).clamp(0, width as i64) as usize;
         let end = (self.width as i64 - corner[0]).clamp(0, width as i64) as usize;
         if skip >= end {
+            target.fill(0.0);
             return;
         }
         let start = (corner[0] + skip as i64) as usize;
         vectorised(
             #[inline(always)]
             || {
-                for (source_row, row) in (corner[1]..).zip(target.chunks_exact_mut(stride).take(height)) {
-                    if source_row >= 0 && source_row < self.height as i64 {
+                for (source_row, row) in (corner[1]..).zip(target.chunks_exact_mut(stride)) {
+                    if source_row < 0 || source_row >= self.height as i64 {
+                        row.fill(0.0);
+                    } else {
+                        row[..skip].fill(0.0);
+                        row[end..].fill(0.0);
                         let source = &self.data[source_row as usize * self.width + start..][..end - skip];
                         for (value, &texel) in row[skip..end].iter_mut().zip(source) {
                             *value = f32::from(texel) * (1.0 / STEPS);
