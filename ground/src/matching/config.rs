@@ -97,7 +97,7 @@ impl MatchConfig {
     pub fn fine(native_m: f64) -> Self {
         Self {
             grid_m: 0.95 * native_m,
-            template_px: 39,
+            template_px: 41,
             min_search_px: 3,
             search_sigmas: 3.0,
             widen: 1.0,
