@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use figures::PhotoFigures;
 pub use figures::PoseFigures;
 use flight::{Flight, FlightFigures};
-pub(crate) use picture::jpeg_address;
+pub(crate) use picture::{jpeg_address, wall_address};
 
 use crate::pipeline::{StageReport, Warning};
 use crate::poses::Reconstruction;

@@ -1,5 +1,6 @@
 //! Whole flights through the programs themselves: fly, ingest, reconstruct, evaluate; kills; bad input; independent samples.
 
+mod agreement;
 mod bad_input;
 mod flight;
 mod killed;
