@@ -2,8 +2,10 @@
 
 mod agreement;
 mod bad_input;
+mod bench;
 mod flight;
 mod killed;
+mod preflight;
 mod programs;
 mod samples;
 mod sets;
