@@ -59,10 +59,11 @@ pub(super) fn autopilot(list: &mut Preflight, watch: &Watch, version: Option<[u8
     let is_coarse =
         kind == Autopilot::ArduPilot && version.is_some_and(|[major, minor, ..]| [major, minor] < FINE_VERSION);
     let planned_mps = mission
+        .filter(|_| is_coarse)
         .and_then(|mission| plan(mission).ok())
         .and_then(|plan| plan.flight)
         .map(|flight| flight.planned.speed_mps)
-        .filter(|speed_mps| is_coarse && *speed_mps < COARSE_MPS);
+        .filter(|speed_mps| *speed_mps < COARSE_MPS);
     match planned_mps {
         Some(speed_mps) => {
             let words = format!(

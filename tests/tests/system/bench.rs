@@ -72,9 +72,7 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn start(setup: Setup) -> Self {
-        let port =
-            std::net::TcpListener::bind("127.0.0.1:0").and_then(|probe| probe.local_addr()).expect("a port").port();
-        let peer = Peer::open(&format!("tcpin:127.0.0.1:{port}").parse().expect("a connection")).expect("opens");
+        let (port, peer) = (0..100).find_map(|_| awaited()).expect("a port that nobody else takes");
         let stops = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stops);
         let thread = std::thread::spawn(move || {
@@ -101,6 +99,13 @@ impl Drop for Bench {
         // A failing test says more than a bench that broke with it.
         assert!(std::thread::panicking() || !matches!(ended, Some(Err(_))), "the bench broke");
     }
+}
+
+/// A free port, and a ground station awaited there; `None` if somebody else was quicker.
+fn awaited() -> Option<(u16, Peer)> {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").and_then(|probe| probe.local_addr()).ok()?.port();
+    let connection = format!("tcpin:127.0.0.1:{port}").parse().ok()?;
+    Some((port, Peer::open(&connection).ok()?))
 }
 
 /// What runs between two starts of the board.
