@@ -160,7 +160,7 @@ impl fmt::Display for Preflight {
                 Verdict::No => "NO",
                 Verdict::Unknown => "?",
             };
-            writeln!(out, "{verdict:4} {:16} {}", check.subject.name(), check.words)?;
+            writeln!(out, "{verdict:4} {:17} {}", check.subject.name(), check.words)?;
         }
         match self.reasons() {
             0 => writeln!(out, "\nready"),
