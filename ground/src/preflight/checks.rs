@@ -139,7 +139,7 @@ pub(super) fn card(list: &mut Preflight, logs: Option<&[LogEntry]>, header: Opti
     match (logs, header) {
         (None, _) => list.note(Subject::Card, Verdict::No, "the board does not tell its logs"),
         (Some([]), _) => {
-            list.note(Subject::Card, Verdict::No, "the board writes no log: no card in it, or not a FAT card")
+            list.note(Subject::Card, Verdict::No, "the board writes no log: no card in it, or not a FAT card");
         }
         (Some([.., last]), None) => {
             let words = format!("{} has no header: the card does not keep what is written", log_name(last.number));

@@ -133,7 +133,7 @@ async fn move_things(
     let (session, timing) = (ear.session, options.timing);
     let command = async |number, first| {
         let parameters = [first, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        Ok::<_, LinkError>(answered(session.command(board.target, number, parameters).await)?)
+        answered(session.command(board.target, number, parameters).await)
     };
     ear.watch.begin();
     command(command::ARM_DISARM, 1.0).await?;

@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use adit_geometry::profile::{ChainVertex, ProfileSpec};
-use adit_protocol::log::FORMAT;
 use adit_protocol::mavlink::Encoding;
 use adit_protocol::parameters::Parameters;
 use adit_protocol::record::Header;
@@ -27,7 +26,7 @@ fn told(parameters: &Parameters) -> Vec<Parameter> {
 }
 
 fn header(parameters: &Parameters) -> Header {
-    Header { format: FORMAT, program: Default::default(), parameters_hash: 0, parameters: parameters.clone() }
+    Header::new(parameters, "tests").unwrap()
 }
 
 fn mission(more: &str) -> Mission {
