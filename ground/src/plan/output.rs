@@ -8,6 +8,7 @@ use adit_protocol::parameters::Parameters;
 use adit_protocol::record::Header;
 
 use super::{Plan, page};
+use crate::link::fingerprint;
 use crate::texture::{TextureError, write_png};
 
 /// Name and version of the program, in the file for the board.
@@ -50,9 +51,8 @@ pub enum OutputError {
 pub fn write(plan: &Plan, parameters: &Parameters, out: &Path) -> Result<(), OutputError> {
     std::fs::create_dir_all(out).map_err(|source| OutputError::Io { path: out.to_owned(), source })?;
     save(&out.join("plan.json"), serde_json::to_string_pretty(plan)?)?;
-    let header = Header::new(parameters, PROGRAM)?;
-    save(&out.join("plan.html"), page::page(plan, header.parameters_hash)?)?;
-    save(&out.join(PARAMETERS_FILE), encode_header(&header)?)?;
+    save(&out.join("plan.html"), page::page(plan, fingerprint(parameters)?)?)?;
+    save(&out.join(PARAMETERS_FILE), encode_header(&Header::new(parameters, PROGRAM)?)?)?;
     let pictures =
         [("coverage.png", plan.picture.as_ref()), ("pixels.png", plan.pixel_map.as_ref().map(|map| &map.picture))];
     for (name, picture) in pictures {

@@ -14,8 +14,8 @@ const PICTURE_PX: usize = 1600;
 /// So many holes are listed; all are in plan.json.
 const LISTED_HOLES: usize = 10;
 
-/// The whole page. `parameters_hash` is that of the parameters for the board.
-pub(super) fn page(plan: &Plan, parameters_hash: u64) -> Result<String, OutputError> {
+/// The whole page. `fingerprint` is that of the parameters for the board.
+pub(super) fn page(plan: &Plan, fingerprint: u64) -> Result<String, OutputError> {
     let mut environment = Environment::new();
     // The name's ending turns HTML escaping on for every value.
     environment.add_template("plan.html", include_str!("plan.html"))?;
@@ -23,7 +23,7 @@ pub(super) fn page(plan: &Plan, parameters_hash: u64) -> Result<String, OutputEr
     let figures = json!({
         "plan": plan,
         "flyable": plan.is_flyable(),
-        "hash": format!("{parameters_hash:016x}"),
+        "hash": format!("{fingerprint:016x}"),
         "speed_svg": speed_svg(plan),
         "coverage": plan.picture.as_ref().map(picture).transpose()?,
         "coverage_colours": COVERAGE_COLOURS,

@@ -162,7 +162,6 @@ fn a_plan_is_loaded_read_back_and_in_force_after_the_restart() {
     let plan = folder.path().join("plan");
     let planned = run("adit", &["plan", text(&file), "--out", text(&plan)]);
     assert!(planned.status.success(), "{}", errors(&planned));
-    // What the page says is the hash of the file, of parameters that never were on a link.
     let bench = Bench::start(Setup { parameters: Parameters::default(), ..Setup::good(&mission) });
     let load = |more: &[&str]| {
         let arguments = ["board", "load", bench.connection(), text(&plan), "--json"];
@@ -181,6 +180,8 @@ fn a_plan_is_loaded_read_back_and_in_force_after_the_restart() {
     assert_eq!(count(&loaded, "set"), count(&dry, "would-set"));
     let hash = loaded["hash"].as_str().expect("a hash");
     assert_eq!([&loaded["read_back_hash"], &loaded["in_force"]["hash"]], [hash; 2], "{loaded:#}");
+    let page = std::fs::read_to_string(plan.join("plan.html")).expect("the plan's page");
+    assert!(page.contains(hash), "the page has another hash than {hash}");
     let again = load(&[]);
     assert_eq!((count(&again, "set"), again["hash"].as_str()), (0, Some(hash)));
     let ready = run("adit", &["preflight", bench.connection(), "--mission", text(&file), "--json"]);
