@@ -22,6 +22,7 @@ pub mod model;
 pub mod pipeline;
 pub mod plan;
 pub mod poses;
+pub mod preflight;
 pub mod prior;
 pub mod raster;
 pub mod report;

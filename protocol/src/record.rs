@@ -70,6 +70,26 @@ pub enum Failure {
     Log,
 }
 
+impl Failure {
+    /// All of them.
+    pub const ALL: [Self; 6] = [Self::Parameters, Self::Centring, Self::Encoder, Self::Shaft, Self::Camera, Self::Log];
+
+    /// The word that the board tells the pilot, behind [`FAILED`].
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Parameters => "parameters",
+            Self::Centring => "centring",
+            Self::Encoder => "encoder",
+            Self::Shaft => "shaft",
+            Self::Camera => "camera",
+            Self::Log => "log",
+        }
+    }
+}
+
+/// What a notice of a failure begins with.
+pub const FAILED: &str = "failed: ";
+
 /// Something that happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum EventKind {

@@ -9,7 +9,7 @@
 //! | heartbeats, of the board and of its camera | both | once a second and when the mode changes, while the controller steps |
 //! | the speed limit, and what it needs ([`enforce`]) | autopilot | on change; every second while a limit stands |
 //! | wish for attitude, place and heartbeats | autopilot | when it is heard and they are not; every 5 s |
-//! | text | both | changes of mode and of the limit's enforcement, and whatever [`Link::say`] was told |
+//! | text | both | changes of mode and of the limit's enforcement, failures, and whatever [`Link::say`] was told |
 //! | `CAMERA_TRIGGER`, `CAMERA_IMAGE_CAPTURED` | both | at the shutter's command, and when the capture's fate is known |
 //! | parameters | who asked | as the line has room ([`lines`]) |
 //! | tags and telemetry (`TUNNEL`), ranges, figures ([`report`]) | both | in turn, as the line has room |
@@ -38,7 +38,7 @@ use adit_protocol::mavlink::{
     Streams, TEXT_BYTES, VersionReport,
 };
 use adit_protocol::parameters::Parameters;
-use adit_protocol::record::{Entry, Mode};
+use adit_protocol::record::{Entry, Event, EventKind, FAILED, Mode};
 use adit_protocol::telemetry::Enforcement;
 use nalgebra::ComplexField;
 
@@ -343,6 +343,9 @@ impl Link {
 
     /// Notes what goes into the log.
     pub fn note_entry(&mut self, entry: &Entry) {
+        if let Entry::Event(Event { kind: EventKind::Failed(failure), .. }) = entry {
+            self.report.say_words(Severity::Error, format_args!("{FAILED}{}", failure.word()));
+        }
         self.captures.note_entry(entry);
     }
 

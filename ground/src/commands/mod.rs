@@ -9,6 +9,7 @@ mod export;
 mod ingest;
 mod match_photos;
 mod plan;
+mod preflight;
 mod reconstruct;
 mod view;
 
@@ -30,7 +31,7 @@ pub(crate) enum Answer {
 
 /// Adit: from a flight through a tunnel to the place of every pixel.
 ///
-/// A survey's way: `adit plan` before the flight, `adit ingest` and `adit reconstruct` after it, `adit evaluate` where
+/// A survey's way: `adit plan` and `adit preflight` before the flight, `adit ingest` and `adit reconstruct` after it, `adit evaluate` where
 /// there is a truth to compare with, `adit export` for other programs. `adit board` talks to the board: its parameters, its logs, its key.
 #[derive(Debug, Parser)]
 #[command(name = "adit", version, after_help = AFTER_HELP, max_term_width = 100)]
@@ -61,6 +62,7 @@ pub(crate) struct Common {
 #[derive(Debug, Subcommand)]
 enum Command {
     Plan(plan::Arguments),
+    Preflight(preflight::Arguments),
     Ingest(ingest::Arguments),
     Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
@@ -77,6 +79,7 @@ impl Cli {
     pub(crate) fn run(self) -> Result<Answer> {
         match self.command {
             Command::Plan(arguments) => plan::run(&arguments, &self.common),
+            Command::Preflight(arguments) => preflight::run(&arguments, &self.common),
             Command::Ingest(arguments) => ingest::run(&arguments, &self.common),
             Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),

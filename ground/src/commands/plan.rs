@@ -12,12 +12,14 @@ use super::{Answer, Common, print};
 /// See before the flight how fast, how many photos, how long, and what they will show.
 ///
 /// Prints the largest step per image and the speed by the paper's law and by the exact bound (every wall point in one or
-/// in two photos) over the vehicle's distance from the axis; then photos, time, storage, millimetres per pixel and the
-/// predicted coverage of the flight that the mission file asks for.
+/// in two photos) over the vehicle's distance from the axis; then photos, time, storage, millimetres per pixel, overlap and
+/// the predicted coverage of the flight that the mission file asks for; and what to mind: autopilots' modes that cannot be
+/// held to so low a limit, a shaft or camera slower than asked for, batteries, cards, light, blur.
 ///
-/// With --out, plan.json (all figures), coverage.png (predicted number of photos; columns around the wall from the crown
-/// clockwise, rows along the axis; red means none) and speed.svg are written; and PARAMS.ADT: copied to the root of the
-/// board's microSD card, the board takes these parameters over at its next start.
+/// With --out, plan.html (everything in one page, to be looked at before the flight), plan.json (all figures), coverage.png
+/// (predicted number of photos; columns around the wall from the crown clockwise, rows along the axis; red means none) and
+/// pixels.png (predicted size of a pixel, alike; yellow is finest) are written; and PARAMS.ADT, which `adit board load` sends
+/// to the board. Copied to the root of the board's microSD card, the board takes it over at its next start.
 ///
 /// The answer is no (exit code 1) if the mission cannot be flown as planned: no speed is allowed on the axis, the battery
 /// is too short or the card too small.
@@ -28,7 +30,7 @@ pub(super) struct Arguments {
     /// The mission file
     #[arg(value_name = "MISSION.toml")]
     mission: PathBuf,
-    /// Folder for plan.json, the pictures and PARAMS.ADT; made if it is not there
+    /// Folder for the page, the figures, the pictures and PARAMS.ADT; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }

@@ -12,6 +12,7 @@ use super::flight::log_names;
 use super::pairing::Pairing;
 use super::{IngestError, IngestOptions, IngestReport};
 use crate::files;
+use crate::report::MISSION_FILE;
 use crate::survey::{TagRow, write_tags};
 
 /// The file that says that a folder is ingest's own, and complete.
@@ -46,7 +47,7 @@ fn file_name(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or(name)
 }
 
-/// Writes photos, logs, survey.toml, tags.csv, ingest.json, in this order.
+/// Writes photos, logs, survey.toml, mission.toml, tags.csv, ingest.json, in this order.
 pub(super) fn write_survey(
     options: &IngestOptions,
     mission: &Mission,
@@ -69,6 +70,10 @@ pub(super) fn write_survey(
         place(&path, &out.join("log").join(name))?;
     }
     write_config(&out.join("survey.toml"), mission.survey.to_toml().as_bytes())?;
+    // What was planned, for the report: a copy, for the file may be changed for the next flight.
+    let planned = fs::read(&options.mission);
+    let planned = planned.map_err(|source| IngestError::MissionFile { path: options.mission.clone(), source })?;
+    write_config(&out.join(MISSION_FILE), &planned)?;
     let mut tags = Vec::new();
     write_tags(&mut tags, rows).map_err(|source| IngestError::Write { path: out.join("tags.csv"), source })?;
     write_whole(&out.join("tags.csv"), &tags)?;
@@ -136,7 +141,7 @@ fn same_content(a: &Path, b: &Path) -> bool {
     matches!((fs::read(a), fs::read(b)), (Ok(a), Ok(b)) if a == b)
 }
 
-/// Writes survey.toml; one that was edited since is kept beside it.
+/// Writes survey.toml or mission.toml; one that was edited since is kept beside it.
 fn write_config(path: &Path, text: &[u8]) -> Result<(), IngestError> {
     match fs::read(path) {
         Ok(there) if there == text => return Ok(()),

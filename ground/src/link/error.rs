@@ -24,6 +24,8 @@ pub enum Question {
     Change(String),
     /// A command by its number.
     Command(u16),
+    /// What its clock says.
+    Clock,
     /// What logs there are.
     Logs,
     /// A log.
@@ -40,6 +42,7 @@ impl fmt::Display for Question {
             Self::Parameter(name) => write!(out, "parameter {name}"),
             Self::Change(name) => write!(out, "the change of {name}"),
             Self::Command(number) => write!(out, "command {number}"),
+            Self::Clock => write!(out, "the question for the time"),
             Self::Logs => write!(out, "the list of logs"),
             Self::Log(number) => write!(out, "log {number}"),
             Self::Key => write!(out, "the key"),

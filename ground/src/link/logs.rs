@@ -8,7 +8,9 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use adit_protocol::log::{FlightLog, MAX_FRAME_BYTES};
 use adit_protocol::mavlink::{Incoming, LOG_BYTES, Target};
+use adit_protocol::record::Header;
 use tracing::warn;
 
 use super::error::{LinkError, Question};
@@ -124,6 +126,20 @@ impl Session {
         let mut dialogue = ListDialogue { whom: board.target, count: None, found: BTreeMap::new() };
         self.lead(board.target, Question::Logs, &mut dialogue).await?;
         Ok(dialogue.found.into_iter().map(|(number, bytes)| LogEntry { number, bytes }).collect())
+    }
+
+    /// The header of a log, which holds the parameters that were in force when it began; `None` if it has none.
+    ///
+    /// # Errors
+    /// [`LinkError::NoAnswer`], [`LinkError::Ended`].
+    pub async fn log_header(&self, board: &Board, log: LogEntry) -> Result<Option<Header>, LinkError> {
+        let until = log.bytes.min(MAX_FRAME_BYTES as u32);
+        let mut bytes = Vec::new();
+        // A log that is shorter than the list says may hold its header all the same.
+        let _ = self.fetch_stretch(board, log.number, [0, until], &mut bytes, &mut |_| ()).await?;
+        let whom = board.target;
+        self.send(move |sender| sender.log_end(whom)).await?;
+        Ok(FlightLog::from_bytes(&bytes).sessions.into_iter().next().and_then(|session| session.header))
     }
 
     /// Fetches a log into a folder; returns its file. What is there already is not fetched again.

@@ -10,6 +10,7 @@
 //! What a record holds: the messages of MAVLink's common dialect. A frame of any other cannot be told from damage, since its
 //! checksum covers a number that only its dialect has.
 
+mod clock;
 mod commands;
 mod error;
 mod key;
@@ -17,6 +18,7 @@ mod log_fetch;
 mod logs;
 mod parameter_fetch;
 mod parameter_file;
+mod parameter_set;
 mod parameters;
 mod pump;
 mod record;
@@ -25,6 +27,7 @@ mod transport;
 mod trust;
 mod version;
 
+pub use clock::ClockReading;
 pub use commands::CommandOutcome;
 pub use error::{LinkError, Question};
 pub use key::{KeyError, KeyFile};
@@ -32,6 +35,7 @@ pub use log_fetch::{LOG_WINDOW_BYTES, LogEndedEarly, LogFetch};
 pub use logs::{LogEntry, LogProgress, log_name};
 pub use parameter_fetch::{Parameter, ParameterFetch};
 pub use parameter_file::{ParameterFile, ParameterFileError, ParameterFileProblem, value_like};
+pub use parameter_set::{GatherError, figures, fingerprint, gathered};
 pub use parameters::{Shown, same_value};
 pub use record::Recorder;
 pub use session::{Config, Heard, LinkState, Patience, Peer, Session, Summary};

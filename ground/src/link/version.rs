@@ -86,6 +86,18 @@ impl Session {
     }
 }
 
+impl Session {
+    /// Major, minor, patch and kind of the program of the board's autopilot; `None` if it does not tell.
+    ///
+    /// # Errors
+    /// [`LinkError::NoAnswer`], [`LinkError::Ended`].
+    pub async fn autopilot_version(&self, board: &Board) -> Result<Option<[u8; 4]>, LinkError> {
+        let whom = [board.target[0], AUTOPILOT_COMPONENT];
+        let answer = self.lead(whom, Question::Version, &mut VersionDialogue { whom }).await?;
+        Ok(answer.map(|(_, version, _)| version))
+    }
+}
+
 /// What the board says itself goes before what its system's kind of autopilot suggests.
 fn encoding(capabilities: Option<u64>, autopilot: Option<Autopilot>) -> Encoding {
     match capabilities {

@@ -2,19 +2,19 @@
 
 use std::f64::consts::TAU;
 
-use adit_geometry::SectionVector;
 use adit_geometry::coverage::{Footprint, Scene, max_step};
 use adit_geometry::profile::Profile;
-use adit_geometry::speed::{FieldOfView, paper_step, speed_mps};
-use adit_protocol::mission::{FlightPlan, Mission};
-use adit_protocol::parameters::SpeedBound;
+use adit_geometry::speed::{FieldOfView, SpeedError, paper_step, speed_mps};
+use adit_geometry::{SectionVector, angles};
+use adit_protocol::mission::Mission;
+use adit_protocol::parameters::{CaptureWiring, SpeedBound};
 use serde::Serialize;
 
 use super::PlanError;
 use crate::texture::clock_position;
 
-/// The offsets of the table, in quarters of the largest one allowed.
-const QUARTERS: [u32; 5] = [0, 1, 2, 3, 4];
+/// The offsets of the table, in thirds of the largest one allowed: the board computes the bound at such places.
+const THIRDS: [u32; 4] = [0, 1, 2, 3];
 /// Places per offset, all around the square of that half side.
 const PLACES: u32 = 16;
 
@@ -74,9 +74,9 @@ pub struct OffsetRow {
     pub one_view: Bound,
     /// Every wall point in at least two images.
     pub two_views: Bound,
-    /// The mission's bound times its margin.
+    /// The mission's bound, at the worst place that the board reckons with, times its margin.
     pub allowed_step_m: f64,
-    /// What the board lets fly: the allowed step over period and latency, at most the mission's largest speed; and the
+    /// What the board lets fly: the allowed step over period, answer and latency, at most the mission's largest speed; and the
     /// step that follows at the image period.
     pub flown: Bound,
     /// Why the speed is zero, where it is.
@@ -112,21 +112,74 @@ impl<'a> Setting<'a> {
     /// The table over the offsets.
     pub(super) fn rows(&self) -> Result<Vec<OffsetRow>, PlanError> {
         let flight = &self.mission.flight;
-        let mut rows = Vec::new();
+        let mut within = Vec::new();
         let mut worst: Option<Place> = None;
-        for quarters in QUARTERS {
-            let offset_m = flight.offset_max_m * f64::from(quarters) / 4.0;
-            let count = if quarters == 0 { 1 } else { PLACES };
+        for thirds in THIRDS {
+            let offset_m = flight.offset_max_m * f64::from(thirds) / 3.0;
+            let count = if thirds == 0 { 1 } else { PLACES };
             for index in 0..count {
                 let place = self.place(around_square(offset_m, index))?;
                 worst = Some(worst.map_or(place, |worst| worst.lower(&place)));
             }
-            rows.extend(worst.map(|worst| row(offset_m, &worst, flight)).transpose()?);
+            within.extend(worst.map(|worst| (offset_m, worst)));
             if flight.offset_max_m <= 0.0 {
                 break;
             }
         }
-        Ok(rows)
+        let next = within.iter().skip(1).chain(within.last());
+        within.iter().zip(next).map(|((offset_m, worst), (_, next))| self.row(*offset_m, worst, next)).collect()
+    }
+
+    /// Shortest time between two images: the mission's, or what the board's settings need if that is longer. The turn from
+    /// one image to the next, settling, the shutter's latest exposure; or the camera's shortest interval, or its answer; and
+    /// then the light's lead.
+    pub(super) fn needed_s(&self) -> f64 {
+        let (shaft, shutter) = (&self.mission.board.shaft, &self.mission.board.shutter);
+        let step_rad = angles::shaft_step_rad::<f64>(self.mission.survey.rig.images_per_turn);
+        let turn_s = step_rad / f64::from(shaft.slew_radps) + f64::from(shaft.settle_dwell_s);
+        let exposed_s = f64::from(shutter.trigger_latency_max_s + shutter.exposure_s);
+        let stored_s = f64::from(shutter.trigger_latency_s) + self.answer_s();
+        let waits_s = [exposed_s + turn_s, f64::from(shutter.min_interval_s), stored_s];
+        f64::from(shutter.light_lead_s) + waits_s.into_iter().fold(0.0, f64::max)
+    }
+
+    /// Time from one image to the next.
+    pub(super) fn period_s(&self) -> f64 {
+        self.mission.flight.image_period_s.max(self.needed_s())
+    }
+
+    /// Time from an exposure until the board knows that the photo is good.
+    pub(super) fn answer_s(&self) -> f64 {
+        match self.mission.board.shutter.wiring {
+            CaptureWiring::None => 0.0,
+            CaptureWiring::Busy | CaptureWiring::Confirm => self.mission.flight.answer_s,
+        }
+    }
+
+    /// The speed that the board allows where the bound is `chosen_m`, if a photo's fate is known after `answer_s`.
+    pub(super) fn limit_mps(&self, allowed_step_m: f64, answer_s: f64) -> Result<f64, SpeedError> {
+        let flight = &self.mission.flight;
+        let known_s = self.period_s() + answer_s + flight.latency_s;
+        Ok(speed_mps(allowed_step_m, known_s)?.min(flight.max_speed_mps))
+    }
+
+    /// `next`: the bounds one row on, which are those that the board reckons with, for its table has them at such places and
+    /// it takes the lowest around its own.
+    fn row(&self, offset_m: f64, worst: &Place, next: &Place) -> Result<OffsetRow, PlanError> {
+        let period_s = self.period_s();
+        let bound = |step_m| speed_mps(step_m, period_s).map(|speed_mps| Bound { step_m, speed_mps });
+        let allowed_step_m = next.chosen_m * self.mission.flight.speed_margin;
+        let limit_mps = self.limit_mps(allowed_step_m, self.answer_s())?;
+        Ok(OffsetRow {
+            offset_m,
+            worst_at_m: worst.at_m.into(),
+            paper: bound(worst.paper_m)?,
+            one_view: bound(worst.one_view_m)?,
+            two_views: bound(worst.two_views_m)?,
+            allowed_step_m,
+            flown: Bound { step_m: limit_mps * period_s, speed_mps: limit_mps },
+            standstill: worst.standstill.or(next.standstill),
+        })
     }
 
     fn place(&self, at_m: SectionVector<f64>) -> Result<Place, PlanError> {
@@ -172,23 +225,6 @@ impl Place {
             ..*lower
         }
     }
-}
-
-fn row(offset_m: f64, worst: &Place, flight: &FlightPlan) -> Result<OffsetRow, PlanError> {
-    let period_s = flight.image_period_s;
-    let bound = |step_m| speed_mps(step_m, period_s).map(|speed_mps| Bound { step_m, speed_mps });
-    let allowed_step_m = worst.chosen_m * flight.speed_margin;
-    let limit_mps = speed_mps(allowed_step_m, period_s + flight.latency_s)?.min(flight.max_speed_mps);
-    Ok(OffsetRow {
-        offset_m,
-        worst_at_m: worst.at_m.into(),
-        paper: bound(worst.paper_m)?,
-        one_view: bound(worst.one_view_m)?,
-        two_views: bound(worst.two_views_m)?,
-        allowed_step_m,
-        flown: Bound { step_m: limit_mps * period_s, speed_mps: limit_mps },
-        standstill: worst.standstill,
-    })
 }
 
 /// One of [`PLACES`] places around the square of half side `half_m`; the corners are among them.

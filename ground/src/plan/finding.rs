@@ -1,16 +1,25 @@
 //! What a plan warns of, and what forbids the flight.
 
-use adit_geometry::angles;
-use adit_protocol::mission::Mission;
 use serde::ser::SerializeStruct;
 use serde::{Serialize, Serializer};
 
+use super::bounds::Setting;
 use super::{Pace, Plan, Standstill};
 
 /// A photo is blurred by the vehicle's way during the exposure; more than this is seen.
 const BLUR_PX: f64 = 1.0;
-/// Mission files hold times in single precision.
-const ROUNDING_S: f64 = 1e-4;
+/// A period longer than the mission's by this share is worth a word; the plan reckons with it in any case.
+const PERIOD_SHARE: f64 = 0.1;
+
+/// Modes of autopilots that take no limit below a floor, in m/s: `ArduPilot` before 4.7 accepts lower ones and ignores them.
+///
+/// Source: `docs/link.md`, after ArduPilot 4.6.3 and 4.7 and PX4 of March 2026.
+const FLOORS_MPS: [(&str, f64); 4] = [
+    ("PX4's Position", 0.05),
+    ("ArduPilot before 4.7 in Auto, Guided and RTL", 0.1),
+    ("ArduPilot's Loiter", 0.2),
+    ("PX4's Position Slow", 0.3),
+];
 
 /// One thing to mind. Serialised as its text and whether it forbids the flight.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -65,8 +74,8 @@ pub enum Finding {
     },
     /// Shaft and camera are slower than the mission expects.
     #[error(
-        "flight.image_period_s is {period_s}, but shaft and camera need {needed_s:.2} s (turn, settle, light, shutter; or \
-         board.shutter.min_interval_s); the flight takes longer"
+        "flight.image_period_s is {period_s}, but shaft and camera need {needed_s:.2} s (turn, settle, light, shutter, answer; \
+         or board.shutter.min_interval_s and light); the plan reckons with that"
     )]
     Period {
         /// The mission's.
@@ -74,6 +83,24 @@ pub enum Finding {
         /// What the board's settings need.
         needed_s: f64,
     },
+    /// The autopilot cannot be held to the limit.
+    #[error(
+        "{mode} can be held to no less than {floor_mps} m/s, and {limit_mps:.3} m/s is the limit {}: keep below it by the \
+         display there", if *offset_m > 0.0 { format!("{offset_m:.2} m from the axis") } else { "even on the axis".to_owned() }
+    )]
+    Floor {
+        /// Autopilot and mode.
+        mode: &'static str,
+        /// The lowest limit that it takes.
+        floor_mps: f64,
+        /// The limit at the offset.
+        limit_mps: f64,
+        /// Smallest offset of the table where the limit is lower than that.
+        offset_m: f64,
+    },
+    /// The light is off.
+    #[error("board.shutter.light_level is 0: the photos will show what other light there is in the tunnel")]
+    Dark,
     /// Pixels are large somewhere.
     #[error("{percent:.1} % of the wall is shown at more than 5 mm per pixel, at worst {mm_per_px:.1} mm")]
     Coarse {
@@ -111,7 +138,8 @@ impl Serialize for Finding {
 }
 
 /// Everything to mind, what forbids the flight first.
-pub(super) fn findings(plan: &Plan, mission: &Mission) -> Vec<Finding> {
+pub(super) fn findings(plan: &Plan, setting: &Setting<'_>) -> Vec<Finding> {
+    let mission = setting.mission;
     let mut findings = Vec::new();
     if let (None, Some(row)) = (&plan.flight, plan.offsets.first()) {
         findings.extend(row.standstill.map(Finding::NoSpeed));
@@ -127,9 +155,12 @@ pub(super) fn findings(plan: &Plan, mission: &Mission) -> Vec<Finding> {
     if let Some(between) = plan.between_ends.as_ref().filter(|between| between.hole_count > 0) {
         findings.push(Finding::Holes { holes: between.hole_count });
     }
-    let (period_s, needed_s) = (plan.asked.image_period_s, needed_s(mission));
-    if period_s < needed_s - ROUNDING_S {
+    let (period_s, needed_s) = (mission.flight.image_period_s, setting.needed_s());
+    if needed_s > period_s * (1.0 + PERIOD_SHARE) {
         findings.push(Finding::Period { period_s, needed_s });
+    }
+    if mission.board.shutter.light_level <= 0.0 {
+        findings.push(Finding::Dark);
     }
     if let Some(pixel) = &plan.pixel {
         if pixel.wall.coarse_share > 0.0 {
@@ -143,6 +174,11 @@ pub(super) fn findings(plan: &Plan, mission: &Mission) -> Vec<Finding> {
             findings.push(Finding::Blur { blur_px, speed_mps, exposure_s });
         }
     }
+    findings.extend(FLOORS_MPS.into_iter().filter_map(|(mode, floor_mps)| {
+        let moves = plan.offsets.iter().filter(|row| row.flown.speed_mps > 0.0);
+        let row = moves.into_iter().find(|row| row.flown.speed_mps < floor_mps)?;
+        Some(Finding::Floor { mode, floor_mps, limit_mps: row.flown.speed_mps, offset_m: row.offset_m })
+    }));
     findings
 }
 
@@ -163,14 +199,4 @@ fn supplies(plan: &Plan, planned: &Pace, slowest: Option<&Pace>, findings: &mut 
         let Pace { duration_s, storage_gb, .. } = *slowest;
         findings.push(Finding::Reserve { offset_max_m, duration_s, storage_gb });
     }
-}
-
-/// Shortest time between two images, from the board's settings: the turn from one image to the next, settling, the
-/// light's lead, the shutter's latest exposure; or the camera's shortest interval.
-fn needed_s(mission: &Mission) -> f64 {
-    let (shaft, shutter) = (&mission.board.shaft, &mission.board.shutter);
-    let step_rad = angles::shaft_step_rad::<f64>(mission.survey.rig.images_per_turn);
-    let turn_s = step_rad / f64::from(shaft.slew_radps) + f64::from(shaft.settle_dwell_s);
-    let photo_s = shutter.light_lead_s + shutter.trigger_latency_max_s + shutter.exposure_s;
-    (turn_s + f64::from(photo_s)).max(f64::from(shutter.min_interval_s))
 }

@@ -1,10 +1,11 @@
 //! Photos, time, cards and batteries of the planned flight.
 
-use adit_protocol::mission::Mission;
+use adit_geometry::speed::SpeedError;
 use adit_protocol::parameters::CaptureWiring;
 use serde::Serialize;
 
 use super::OffsetRow;
+use super::bounds::Setting;
 
 /// The length flown at one speed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -30,7 +31,7 @@ pub struct Pace {
 /// The flight.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FlightFigures {
-    /// On the axis, at the speed the board allows there.
+    /// On the axis, at the speed that the board allows there.
     pub planned: Pace,
     /// Always at the worst place allowed, and where the camera is wired its answer takes a whole image period: no slower
     /// unless photos are missed. `None` if the worst place allows no speed.
@@ -40,19 +41,18 @@ pub struct FlightFigures {
 }
 
 /// The flight's figures; `None` if it may not move on the axis.
-pub(super) fn figures(mission: &Mission, offsets: &[OffsetRow]) -> Option<FlightFigures> {
-    let flight = &mission.flight;
-    let (centred, worst) = (offsets.first()?, offsets.last()?);
-    let answer_s = match mission.board.shutter.wiring {
+pub(super) fn figures(setting: &Setting<'_>, offsets: &[OffsetRow]) -> Result<Option<FlightFigures>, SpeedError> {
+    let (Some(centred), Some(worst)) = (offsets.first(), offsets.last()) else { return Ok(None) };
+    let answer_s = match setting.mission.board.shutter.wiring {
         CaptureWiring::None => 0.0,
-        CaptureWiring::Busy | CaptureWiring::Confirm => flight.image_period_s,
+        CaptureWiring::Busy | CaptureWiring::Confirm => setting.period_s().max(setting.answer_s()),
     };
-    let cautious_mps = worst.allowed_step_m / (flight.image_period_s + answer_s + flight.latency_s);
-    Some(FlightFigures {
-        planned: pace(mission, centred.flown.speed_mps)?,
-        slowest: pace(mission, cautious_mps.min(flight.max_speed_mps)),
-        capped: centred.flown.speed_mps >= flight.max_speed_mps,
-    })
+    let cautious_mps = setting.limit_mps(worst.allowed_step_m, answer_s)?;
+    Ok(pace(setting, centred.flown.speed_mps).map(|planned| FlightFigures {
+        planned,
+        slowest: pace(setting, cautious_mps),
+        capped: planned.speed_mps >= setting.mission.flight.max_speed_mps,
+    }))
 }
 
 /// Number of photos over a length.
@@ -60,12 +60,13 @@ pub(super) fn photos(length_m: f64, step_m: f64) -> u64 {
     (length_m / step_m + 1e-9).floor() as u64 + 1
 }
 
-fn pace(mission: &Mission, speed_mps: f64) -> Option<Pace> {
+fn pace(setting: &Setting<'_>, speed_mps: f64) -> Option<Pace> {
+    let mission = setting.mission;
     let flight = &mission.flight;
     if !(speed_mps > 0.0) {
         return None;
     }
-    let step_m = speed_mps * flight.image_period_s;
+    let step_m = speed_mps * setting.period_s();
     let photos = photos(flight.length_m, step_m);
     let duration_s = flight.length_m / speed_mps;
     let storage_gb = photos as f64 * flight.photo_mb / 1000.0;

@@ -7,9 +7,13 @@
 //! A level flight on a straight axis; nothing between camera and wall.
 
 mod bounds;
+mod curves;
 mod finding;
 mod flight;
 mod output;
+mod overlap;
+mod page;
+mod pixels;
 mod predict;
 mod table;
 #[cfg(test)]
@@ -27,7 +31,8 @@ pub use bounds::{Bound, OffsetRow, Standstill};
 pub use finding::Finding;
 pub use flight::{FlightFigures, Pace};
 pub use output::{OutputError, write};
-pub use predict::{PixelSize, PixelSizes};
+pub use overlap::Overlap;
+pub use pixels::{PixelMap, PixelSize, PixelSizes};
 
 use crate::texture::{Coverage, Rgba8, profile_json};
 use bounds::Setting;
@@ -73,8 +78,10 @@ pub struct Asked {
     pub max_speed_mps: f64,
     /// From a new limit to the vehicle flying it.
     pub latency_s: f64,
-    /// Time between images.
+    /// Time between images: the mission's, or what shaft and camera need if that is longer.
     pub image_period_s: f64,
+    /// Time from an exposure until the board knows that the photo is good.
+    pub answer_s: f64,
     /// Flying time of a battery.
     pub battery_s: Option<f64>,
     /// Size of a card.
@@ -98,6 +105,8 @@ pub struct Plan {
     pub flight: Option<FlightFigures>,
     /// Size of a pixel on the wall.
     pub pixel: Option<PixelSizes>,
+    /// What neighbouring photos share.
+    pub overlap: Option<Overlap>,
     /// Coverage of one turn's advance in the middle of the flight.
     pub between_ends: Option<Coverage>,
     /// Coverage of the whole flight, both ends included. Of flights above 30 m one of that length; the middle repeats.
@@ -107,6 +116,9 @@ pub struct Plan {
     /// The predicted number of photos, columns around from the crown, rows along the axis.
     #[serde(skip)]
     pub picture: Option<Rgba8>,
+    /// The predicted size of a pixel, laid out alike.
+    #[serde(skip)]
+    pub pixel_map: Option<PixelMap>,
 }
 
 impl Plan {
@@ -123,35 +135,44 @@ impl Plan {
 pub fn plan(mission: &Mission) -> Result<Plan, PlanError> {
     let setting = Setting::new(mission)?;
     let offsets = setting.rows()?;
-    let flight = flight::figures(mission, &offsets);
-    let scene = setting.scene(predict::axis())?;
-    let lever_forward_m = mission.survey.rig.lever_forward_m;
-    let (mut pixel, mut between_ends, mut coverage, mut picture) = (None, None, None, None);
-    if let Some(flight) = &flight {
-        let step_m = flight.planned.step_m;
-        let length_m = predict::counted_m(mission.flight.length_m);
-        let photos = Some(flight::photos(length_m, step_m).min(u64::from(u32::MAX)) as u32);
-        let whole = predict::coverage(&setting.profile, &scene, Flown { step_m, photos, lever_forward_m }, length_m);
-        let turn_m = step_m * f64::from(mission.survey.rig.images_per_turn);
-        let endless = Flown { step_m, photos: None, lever_forward_m };
-        between_ends = Some(predict::coverage(&setting.profile, &scene, endless, turn_m).coverage);
-        pixel = predict::pixel_sizes(&setting, &scene, step_m);
-        (coverage, picture) = (Some(whole.coverage), Some(whole.picture));
-    }
+    let flight = flight::figures(&setting, &offsets)?;
     let mut plan = Plan {
         format: 1,
         program: format!("adit {}", env!("CARGO_PKG_VERSION")),
         asked: asked(&setting),
         offsets,
         flight,
-        pixel,
-        between_ends,
-        coverage,
+        pixel: None,
+        overlap: None,
+        between_ends: None,
+        coverage: None,
         findings: Vec::new(),
-        picture,
+        picture: None,
+        pixel_map: None,
     };
-    plan.findings = finding::findings(&plan, mission);
+    if let Some(flight) = &flight {
+        show(&mut plan, &setting, flight.planned.step_m)?;
+    }
+    plan.findings = finding::findings(&plan, &setting);
     Ok(plan)
+}
+
+/// Predicts what a flight on the axis will show.
+fn show(plan: &mut Plan, setting: &Setting<'_>, step_m: f64) -> Result<(), PlanError> {
+    let scene = setting.scene(predict::axis())?;
+    let rig = &setting.mission.survey.rig;
+    let length_m = predict::counted_m(setting.mission.flight.length_m);
+    let photos = Some(flight::photos(length_m, step_m).min(u64::from(u32::MAX)) as u32);
+    let whole = Flown { step_m, photos, lever_forward_m: rig.lever_forward_m };
+    let endless = Flown { photos: None, ..whole };
+    let counted = predict::coverage(&setting.profile, &scene, whole, length_m);
+    (plan.coverage, plan.picture) = (Some(counted.coverage), Some(counted.picture));
+    let turn_m = step_m * f64::from(rig.images_per_turn);
+    plan.between_ends = Some(predict::coverage(&setting.profile, &scene, endless, turn_m).coverage);
+    plan.pixel = pixels::sizes(setting, &scene, endless);
+    plan.pixel_map = pixels::map(setting, &scene, whole, length_m);
+    plan.overlap = overlap::overlap(setting, &scene, step_m);
+    Ok(())
 }
 
 fn asked(setting: &Setting<'_>) -> Asked {
@@ -167,7 +188,8 @@ fn asked(setting: &Setting<'_>) -> Asked {
         speed_margin: flight.speed_margin,
         max_speed_mps: flight.max_speed_mps,
         latency_s: flight.latency_s,
-        image_period_s: flight.image_period_s,
+        image_period_s: setting.period_s(),
+        answer_s: setting.answer_s(),
         battery_s: flight.battery_s,
         card_gb: flight.card_gb,
         photo_mb: flight.photo_mb,

@@ -37,7 +37,9 @@ impl fmt::Display for Plan {
             line("  of the battery", &|pace| percent(pace.battery_share))?;
             writeln!(
                 out,
-                "slowest: always at the worst place allowed, and a wired camera answers after a whole period"
+                "on the axis: as the board reckons there, with the camera's answer after {} s\n\
+                 slowest: always at the worst place allowed, and a wired camera answers after a whole period",
+                self.asked.answer_s
             )?;
             if flight.capped {
                 writeln!(out, "the speed is flight.max_speed_mps; the bound would allow more")?;
@@ -51,6 +53,10 @@ impl fmt::Display for Plan {
                     pixels(out, part_name(*part), size)?;
                 }
             }
+        }
+        if let Some(overlap) = &self.overlap {
+            let [photo, turn] = [overlap.next_photo, overlap.next_turn].map(|share| share * 100.0);
+            writeln!(out, "\na photo shares       {photo:.0} % with the next, {turn:.0} % with that of the next turn")?;
         }
         if let (Some(between), Some(coverage)) = (&self.between_ends, &self.coverage) {
             writeln!(out, "\n{:<20}{:>9}{:>9}{:>9} photos", "wall seen by", "1+", "2+", "3+")?;
@@ -84,7 +90,7 @@ fn head(plan: &Plan, out: &mut fmt::Formatter<'_>) -> fmt::Result {
     let [around_deg, along_deg] = asked.view_rad.map(f64::to_degrees);
     writeln!(
         out,
-        "camera              {around_deg:.1} deg around, {along_deg:.1} deg along; {} images per turn, one per {} s",
+        "camera              {around_deg:.1} deg around, {along_deg:.1} deg along; {} images per turn, one per {:.2} s",
         asked.images_per_turn, asked.image_period_s
     )?;
     writeln!(
@@ -125,7 +131,7 @@ fn offsets(plan: &Plan, out: &mut fmt::Formatter<'_>) -> fmt::Result {
     writeln!(
         out,
         "within: largest distance from the axis sideways and vertically; each figure at its worst place there\n\
-         mm: step per image, and the speed at it; flown: with margin and latency\n\
+         mm: step per image, and the speed at it; flown: by the next row, with margin, latency and the camera's answer\n\
          paper: its law is for circles; here the largest circle around the axis, {:.2} m in radius",
         plan.asked.clearance_m
     )

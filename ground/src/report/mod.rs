@@ -3,6 +3,7 @@
 mod figures;
 mod flight;
 mod picture;
+mod planned;
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +15,9 @@ use serde_json::{Value, json};
 use figures::PhotoFigures;
 pub use figures::PoseFigures;
 use flight::{Flight, FlightFigures};
-pub(crate) use picture::jpeg_address;
+pub(crate) use picture::{jpeg_address, wall_address};
+pub(crate) use planned::MISSION_FILE;
+use planned::PlannedFigures;
 
 use crate::pipeline::{StageReport, Warning};
 use crate::poses::Reconstruction;
@@ -79,6 +82,7 @@ struct Report<'a> {
     profile: Value,
     photos: usize,
     poses: PoseFigures,
+    planned: Option<PlannedFigures>,
     flight: &'a FlightFigures,
     stages: &'a [StageReport],
     coverage: &'a crate::texture::Coverage,
@@ -132,6 +136,7 @@ pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
         profile: crate::texture::profile_json(&input.reconstruction.profile),
         photos: input.survey.photos.len(),
         poses: PoseFigures::new(&input.reconstruction.poses),
+        planned: PlannedFigures::new(input),
         flight: &flight.figures,
         stages: input.stages,
         coverage: &input.texture.coverage,
@@ -160,6 +165,7 @@ fn page(
 ) -> Result<String, ReportError> {
     let mut environment = Environment::new();
     // The name's ending turns HTML escaping on for every value.
+    environment.add_template("planned.html", include_str!("planned.html"))?;
     environment.add_template("report.html", include_str!("report.html"))?;
     let grid = &input.texture.grid;
     let surface = figures_of(input.stages, "surface");

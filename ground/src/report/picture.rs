@@ -25,15 +25,16 @@ pub(super) fn panorama(grid: &PanoramaGrid, tiles: &Path, longest_px: usize) -> 
     };
     let level = (0..=reader.last_level()).rev().find(|&level| longest_of(level) <= longest_px).unwrap_or(0);
     let (width, height) = reader.size(level);
-    lying(&reader.read(level, PixelBox { column: 0, row: 0, width, height })?, longest_px)
+    Ok(wall_address(&reader.read(level, PixelBox { column: 0, row: 0, width, height })?, longest_px)?)
 }
 
 /// A map of the wall from a PNG file, thinned to at most `longest_px`.
 pub(super) fn map(path: &Path, longest_px: usize) -> Result<String, ReportError> {
-    lying(&read_png(path)?, longest_px)
+    Ok(wall_address(&read_png(path)?, longest_px)?)
 }
 
-fn lying(picture: &Rgba8, longest_px: usize) -> Result<String, ReportError> {
+/// A map of the wall, thinned to at most `longest_px`.
+pub(crate) fn wall_address(picture: &Rgba8, longest_px: usize) -> Result<String, EncodingError> {
     let stride = picture.width.max(picture.height).div_ceil(longest_px).max(1);
     let (width, height) = (picture.height.div_ceil(stride), picture.width.div_ceil(stride));
     let mut rgb = Vec::with_capacity(width * height * 3);
@@ -44,7 +45,7 @@ fn lying(picture: &Rgba8, longest_px: usize) -> Result<String, ReportError> {
             rgb.extend([over(r), over(g), over(b)]);
         }
     }
-    Ok(jpeg_address(&rgb, [width, height], ColorType::Rgb)?)
+    jpeg_address(&rgb, [width, height], ColorType::Rgb)
 }
 
 /// A picture of `[width, height]` pixels as a JPEG in a data address.
@@ -74,7 +75,7 @@ mod tests {
                 map.set(column, row, [value, value, value, 255]);
             }
         }
-        let address = lying(&map, 64).unwrap();
+        let address = wall_address(&map, 64).unwrap();
         let jpeg = STANDARD.decode(address.trim_start_matches("data:image/jpeg;base64,")).unwrap();
         let mut decoder = JpegDecoder::new(ZCursor::new(jpeg));
         let pixels = decoder.decode().unwrap();

@@ -22,6 +22,9 @@ pub struct FlightPlan {
     pub offset_max_m: f64,
     /// Expected time between images, `image_period_s`.
     pub image_period_s: f64,
+    /// Expected time from an exposure until a wired camera says that the photo is good, `answer_s`; default 0.4, as long as
+    /// action cameras are busy with one. The plan reckons with it; the board measures it.
+    pub answer_s: f64,
     /// Flying time of one battery, `battery_s`; without it the plan counts no batteries.
     pub battery_s: Option<f64>,
     /// Size of the camera's card, `card_gb`; without it the plan counts no cards.
@@ -68,6 +71,7 @@ pub(super) fn read(mut section: Section<'_>, clearance_m: Option<f64>) -> Option
             clearance_m.map_or(f64::INFINITY, |clearance_m| clearance_m / 3.0).min(wide(default.offset_max_m)),
         ),
         image_period_s: section.number_or("image_period_s", seconds(0.05, 60.0), wide(default.image_period_s)),
+        answer_s: section.number_or("answer_s", seconds(0.0, 60.0), 0.4),
         battery_s: section.maybe_number("battery_s", seconds(30.0, 36_000.0)),
         card_gb: section.maybe_number("card_gb", Quantity::new(Unit::Plain, 0.1, 10_000.0)),
         photo_mb: section.number_or("photo_mb", Quantity::new(Unit::Plain, 0.05, 500.0), 5.0),

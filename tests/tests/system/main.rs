@@ -1,8 +1,11 @@
 //! Whole flights through the programs themselves: fly, ingest, reconstruct, evaluate; kills; bad input; independent samples.
 
+mod agreement;
 mod bad_input;
+mod bench;
 mod flight;
 mod killed;
+mod preflight;
 mod programs;
 mod samples;
 mod sets;

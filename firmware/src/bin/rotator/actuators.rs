@@ -52,7 +52,9 @@ pub(crate) fn publish(outputs: Outputs) {
     for entry in &outputs.entries {
         if matches!(
             entry,
-            Entry::Tag(_) | Entry::TagUpdate(_) | Entry::Event(Event { kind: EventKind::Missed { .. }, .. })
+            Entry::Tag(_)
+                | Entry::TagUpdate(_)
+                | Entry::Event(Event { kind: EventKind::Missed { .. } | EventKind::Failed(_), .. })
         ) {
             let _ = CAPTURES.try_send(*entry);
         }

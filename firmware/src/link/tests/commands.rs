@@ -1,5 +1,6 @@
 //! What peers command and ask.
 
+use adit_protocol::record::Failure;
 use adit_protocol::tag::{CaptureState, CaptureTag, Ranges, TagFlags};
 
 use super::*;
@@ -150,4 +151,15 @@ fn the_shutter_is_told_at_its_command_and_the_tag_goes_through_the_tunnel() {
     });
     let expected = adit_protocol::telemetry::Tunnelled::Tag(tag(1, CaptureState::Commanded));
     assert_eq!(tunnelled, Some(expected));
+}
+
+#[test]
+fn the_pilot_is_told_what_failed() {
+    let mut link = link();
+    step(&mut link, 0, Mode::SelfTest, None);
+    for failure in Failure::ALL {
+        said(&mut link, 0);
+        link.note_entry(&Entry::Event(Event { time_us: 0, kind: EventKind::Failed(failure) }));
+        assert_eq!(texts(&said(&mut link, 0)), [format!("failed: {}", failure.word())]);
+    }
 }

@@ -2,6 +2,7 @@
 
 mod info;
 mod key;
+mod load;
 mod logs;
 mod params;
 mod params_file;
@@ -34,6 +35,7 @@ pub(super) struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Action {
     Info(info::Arguments),
+    Load(load::Arguments),
     Params(params::Arguments),
     Restart(RestartArguments),
     Logs(logs::ListArguments),
@@ -53,7 +55,7 @@ struct RestartArguments {
 
 /// Where the board is, and how to talk to it.
 #[derive(Clone, Debug, Args)]
-struct LinkArguments {
+pub(super) struct LinkArguments {
     /// Where the board is: serial:DEVICE:BAUD, udpin:, udpout:, tcpin: or tcpout:HOST:PORT
     #[arg(value_name = "CONNECTION")]
     connection: Connection,
@@ -62,7 +64,7 @@ struct LinkArguments {
 }
 
 #[derive(Clone, Debug, Args)]
-struct LinkOptions {
+pub(super) struct LinkOptions {
     /// Sign with this key (see `adit board key`), and believe only what is signed with it
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
@@ -81,6 +83,7 @@ struct LinkOptions {
 pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
     match &arguments.action {
         Action::Info(arguments) => info::run(arguments, common),
+        Action::Load(arguments) => load::run(arguments, common),
         Action::Params(arguments) => params::run(arguments, common),
         Action::Restart(arguments) => restart(arguments),
         Action::Logs(arguments) => logs::list(arguments, common),
@@ -107,17 +110,24 @@ fn with_board<T>(
     link: &LinkArguments,
     action: impl AsyncFnOnce(&Session, &Board) -> Result<T, LinkError>,
 ) -> Result<T> {
+    with_session(link, async |session| {
+        let board = session.board().await?;
+        action(session, &board).await
+    })
+}
+
+/// Opens a session, does something with it and ends it in good order.
+pub(super) fn with_session<T>(
+    link: &LinkArguments,
+    action: impl AsyncFnOnce(&Session) -> Result<T, LinkError>,
+) -> Result<T> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .context("cannot start the runtime of the link")?;
     runtime.block_on(async {
         let session = Session::open(&link.connection, config(&link.options)?).await?;
-        let done = async {
-            let board = session.board().await?;
-            action(&session, &board).await
-        };
-        let done = done.await;
+        let done = action(&session).await;
         // The record must be complete whatever came of the action; the action's error goes first.
         let closed = session.close().await;
         let done = done?;

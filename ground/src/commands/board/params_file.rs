@@ -14,9 +14,12 @@ use super::{Answer, Common, LinkArguments, print, with_board};
 /// Passes over what is to be set: what was refused once may be possible when the others are set.
 const PASSES: usize = 2;
 
+/// Said after a change.
+pub(super) const KEPT: &str = "kept by the board; in force from its next start on: adit board restart";
+
 /// What became of one parameter.
 #[derive(Debug, Serialize)]
-struct Change {
+pub(super) struct Change {
     name: String,
     #[serde(serialize_with = "value")]
     before: Option<Value>,
@@ -38,7 +41,10 @@ enum Outcome {
 
 #[derive(Debug, Serialize)]
 #[serde(transparent)]
-struct Changes(Vec<Change>);
+pub(super) struct Changes(Vec<Change>);
+
+/// Whether a value that is there is the one that is wanted.
+pub(super) type Same = fn(Value, Value) -> bool;
 
 #[expect(clippy::ref_option, clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
 fn value<S: serde::Serializer>(value: &Option<Value>, serializer: S) -> Result<S::Ok, S::Error> {
@@ -69,13 +75,26 @@ impl fmt::Display for Changes {
 }
 
 impl Changes {
+    fn any(&self, outcome: Outcome) -> bool {
+        self.0.iter().any(|change| change.outcome == outcome)
+    }
+
+    /// Whether something was set.
+    pub(super) fn any_set(&self) -> bool {
+        self.any(Outcome::Set)
+    }
+
+    /// Whether something was refused.
+    pub(super) fn any_refused(&self) -> bool {
+        self.any(Outcome::Refused)
+    }
+
     fn report(&self, common: &Common) -> Result<Answer> {
         print(self, common)?;
-        let any = |outcome| self.0.iter().any(|change| change.outcome == outcome);
-        if any(Outcome::Set) {
-            eprintln!("kept by the board; in force from its next start on: adit board restart");
+        if self.any_set() {
+            eprintln!("{KEPT}");
         }
-        Ok(if any(Outcome::Refused) { Answer::No } else { Answer::Yes })
+        Ok(if self.any_refused() { Answer::No } else { Answer::Yes })
     }
 }
 
@@ -85,7 +104,7 @@ pub(super) fn set(link: &LinkArguments, assignments: &[(String, f64)], common: &
         for (name, _) in assignments {
             there.push(session.parameter(board, name).await?);
         }
-        apply(session, board, assignments, &there, false).await
+        apply(session, board, planned(assignments, &there, same_value), false).await
     })?;
     changes.report(common)
 }
@@ -103,20 +122,18 @@ pub(super) fn load(link: &LinkArguments, file: &Path, dry_run: bool, common: &Co
     let wanted = ParameterFile::read(file)?.entries;
     let changes = with_board(link, async |session, board| {
         let there = all(session, board).await?;
-        apply(session, board, &wanted, &there, dry_run).await
+        apply(session, board, planned(&wanted, &there, same_value), dry_run).await
     })?;
     changes.report(common)
 }
 
 /// Sets what differs, in the board's order, and what was refused once more.
-async fn apply(
+pub(super) async fn apply(
     session: &Session,
     board: &Board,
-    wanted: &[(String, f64)],
-    there: &[Parameter],
+    Changes(mut changes): Changes,
     dry_run: bool,
 ) -> Result<Changes, LinkError> {
-    let mut changes = planned(wanted, there);
     if dry_run {
         return Ok(Changes(changes));
     }
@@ -140,7 +157,7 @@ async fn apply(
 }
 
 /// What is to be done: in the board's order; what the board does not have comes last.
-fn planned(wanted: &[(String, f64)], there: &[Parameter]) -> Vec<Change> {
+pub(super) fn planned(wanted: &[(String, f64)], there: &[Parameter], same: Same) -> Changes {
     let find = |name: &str| there.iter().find(|parameter| parameter.name == name);
     let mut ordered: Vec<_> = wanted.iter().map(|(name, value)| (find(name), name, *value)).collect();
     ordered.sort_by_key(|(found, ..)| found.map_or(u16::MAX, |parameter| parameter.index));
@@ -149,12 +166,12 @@ fn planned(wanted: &[(String, f64)], there: &[Parameter]) -> Vec<Change> {
         let (outcome, why) = match before.map(|before| (before, value_like(wanted, before))) {
             None => (Outcome::Refused, Some("the board has no parameter of this name")),
             Some((_, None)) => (Outcome::Refused, Some("must be a whole number")),
-            Some((before, Some(value))) if same_value(before, value) => (Outcome::Same, None),
+            Some((before, Some(value))) if same(before, value) => (Outcome::Same, None),
             Some(_) => (Outcome::WouldSet, None),
         };
         Change { name: name.clone(), before, wanted, outcome, why: why.map(ToOwned::to_owned) }
     };
-    ordered.into_iter().map(change).collect()
+    Changes(ordered.into_iter().map(change).collect())
 }
 
 #[cfg(test)]
@@ -170,7 +187,7 @@ mod tests {
             parameter("C", Value::Whole(3), 2),
         ];
         let wanted = [("NONE", 1.0), ("C", 4.0), ("B", 0.1), ("A", 1.5)].map(|(name, value)| (name.to_owned(), value));
-        insta::assert_snapshot!(Changes(planned(&wanted, &there)), @r"
+        insta::assert_snapshot!(planned(&wanted, &there, same_value), @r"
         A                 1 -> 1.5  refused: must be a whole number
         C                 3 -> 4  would be set
         NONE              ? -> 1  refused: the board has no parameter of this name
