@@ -3,6 +3,7 @@
 mod ablation;
 mod adjust;
 mod board;
+mod calibrate;
 mod compare;
 mod evaluate;
 mod export;
@@ -61,6 +62,7 @@ pub(crate) struct Common {
 #[derive(Debug, Subcommand)]
 enum Command {
     Plan(plan::Arguments),
+    Calibrate(calibrate::Arguments),
     Ingest(ingest::Arguments),
     Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
@@ -77,6 +79,7 @@ impl Cli {
     pub(crate) fn run(self) -> Result<Answer> {
         match self.command {
             Command::Plan(arguments) => plan::run(&arguments, &self.common),
+            Command::Calibrate(arguments) => calibrate::run(&arguments, &self.common),
             Command::Ingest(arguments) => ingest::run(&arguments, &self.common),
             Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),
