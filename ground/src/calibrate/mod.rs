@@ -8,6 +8,7 @@ mod detect;
 mod fit;
 mod output;
 mod report;
+mod rig;
 
 use std::collections::BTreeMap;
 use std::io;
@@ -23,6 +24,7 @@ pub use detect::{NoBoard, find_corners};
 pub use fit::{Fit, FittedPhoto, IntrinsicSigmas, Sigmas, fit_camera};
 pub use output::{OutputError, write};
 pub use report::{CalibrationFigures, CameraFigures, PhotoFigures};
+pub use rig::{Estimated, RigCalibration, Untold, calibrate_rig};
 
 use crate::survey::{FoundPhoto, PhotoError, Size, decode_luma, find_photos, probe};
 
