@@ -3,6 +3,7 @@
 //! Distortion is known where corners were, and nowhere else; the focal length is known from tilted boards only (a board
 //! that is parallel to the image may as well be larger and farther away).
 
+use adit_geometry::camera::Camera;
 use nalgebra::Vector2;
 use serde::Serialize;
 use serde::ser::SerializeStruct;
@@ -123,6 +124,12 @@ pub enum Hint {
         /// How far they got.
         reach: f64,
     },
+    /// The model ends within the photo.
+    #[error("the model folds back {:.0} % of the way from the photo's middle to a corner: what lies beyond has no direction; kannala-brandt has no such end for a wide lens", reach * 100.0)]
+    Folds {
+        /// Where.
+        reach: f64,
+    },
     /// The board was hardly ever tilted to the left and right.
     #[error(
         "{photos} photos show the board turned by more than {TILT_DEG} degrees about an upright axis: photograph it from the left and the right"
@@ -165,6 +172,7 @@ impl Serialize for Hint {
             Self::FewPhotos { .. } => "few-photos",
             Self::Empty { .. } => "empty",
             Self::Reach { .. } => "reach",
+            Self::Folds { .. } => "folds",
             Self::NotTurned { .. } => "not-turned",
             Self::NotTipped { .. } => "not-tipped",
             Self::FocalLength { .. } => "focal-length",
@@ -189,6 +197,10 @@ pub(super) fn hints(coverage: &Coverage, fit: Option<&Fit>, other: Option<&Fit>)
     if coverage.reach < REACH {
         hints.push(Hint::Reach { reach: coverage.reach });
     }
+    let reach = model_reach(&fit.camera);
+    if reach < 1.0 {
+        hints.push(Hint::Folds { reach });
+    }
     let tilts = || fit.photos.iter().map(|photo| tilt_deg(&photo.cam_from_board));
     let turned = tilts().filter(|[turned, _]| turned.abs() > TILT_DEG).count();
     let tipped = tilts().filter(|[_, tipped]| tipped.abs() > TILT_DEG).count();
@@ -208,6 +220,17 @@ pub(super) fn hints(coverage: &Coverage, fit: Option<&Fit>, other: Option<&Fit>)
         hints.push(Hint::OtherModel { model: model_of(&other.camera), other_px: other.rms_px, rms_px: fit.rms_px });
     }
     hints
+}
+
+/// How far the model has a direction for pixels, on the ways from the photo's middle to its corners: 1 if all the way.
+fn model_reach(camera: &Camera<f64>) -> f64 {
+    const STEPS: u32 = 100;
+    let size = Vector2::new(f64::from(camera.width_px), f64::from(camera.height_px));
+    let corners = [Vector2::zeros(), Vector2::new(size.x, 0.0), Vector2::new(0.0, size.y), size];
+    let shares = (1..=STEPS).map(|step| f64::from(step) / f64::from(STEPS));
+    let ends =
+        |share: &f64| corners.iter().any(|corner| camera.unproject(&(size * 0.5).lerp(corner, *share)).is_none());
+    shares.take_while(|share| !ends(share)).last().unwrap_or(0.0)
 }
 
 /// How far a board is turned about the photo's upright axis and tipped about its level one, degrees.
@@ -241,6 +264,21 @@ mod tests {
     fn without_a_camera_only_the_photos_are_hinted_at() {
         let coverage = Coverage { corners: [0; 9], reach: 0.0, photos: 2 };
         assert_eq!(hints(&coverage, None, None), [Hint::FewPhotos { photos: 2 }]);
+    }
+
+    #[test]
+    fn the_end_of_a_model_that_folds_back_within_the_photo_is_found() {
+        use adit_geometry::camera::Distortion;
+        let distortion = Distortion::BrownConrady([-0.241177, 0.071318, 0.0, 0.0, -0.01045]);
+        let hero4 =
+            Camera { width_px: 1280, height_px: 960, focal_px: [561.0; 2], centre_px: [640.0, 480.0], distortion };
+        // The radius is largest, 1.10 focal lengths, at a tangent of 1.76; the photo's corner is 1.43 away.
+        let reach = model_reach(&hero4);
+        assert!((0.74..0.80).contains(&reach), "{reach}");
+        assert_eq!(
+            model_reach(&Camera { distortion: Distortion::KannalaBrandt([0.06, 0.01, -0.02, 0.01]), ..hero4 }),
+            1.0
+        );
     }
 
     #[test]

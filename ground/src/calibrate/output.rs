@@ -70,7 +70,7 @@ pub fn write(calibration: &Calibration, out: &Path) -> Result<(), OutputError> {
 
 const HEAD: &str = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Calibration</title>\n\
     <style>body{font:15px/1.5 sans-serif;margin:2em;background:#fff;color:#222}figure{display:inline-block;margin:.6em;\
-    vertical-align:top}svg{width:30em;max-width:100%;border:1px solid #ccc}img{max-width:60em;width:100%}\
+    vertical-align:top}svg{width:60em;max-width:100%;border:1px solid #ccc}figure svg{width:30em}img{max-width:60em;width:100%}\
     .no{color:#b00}.hint{color:#a50}</style></head><body>\n<h1>Calibration</h1>\n";
 
 fn page(calibration: &Calibration, figures: &str, undistorted: bool) -> Result<String, OutputError> {
@@ -187,7 +187,7 @@ fn all_corners(calibration: &Calibration, fit: &Fit) -> String {
 }
 
 /// The photo with the widest board as a pinhole camera of the same size and principal point would have taken it; its focal
-/// length is such that the middles of the photo's sides stay in view. `None` for a lens too wide for that.
+/// length is such that the middles of the photo's sides stay in view, up to 78 degrees from the axis. `None` without a photo.
 fn undistorted(calibration: &Calibration, fit: &Fit) -> Result<Option<Rgb8>, OutputError> {
     let extent = |index: usize| {
         let corners = &calibration.photos[index].corners;
@@ -199,7 +199,7 @@ fn undistorted(calibration: &Calibration, fit: &Fit) -> Result<Option<Rgb8>, Out
     };
     let widest = fit.photos.iter().max_by(|a, b| extent(a.index).total_cmp(&extent(b.index)));
     let Some(widest) = widest else { return Ok(None) };
-    let Some(focal_px) = pinhole_focal_px(fit) else { return Ok(None) };
+    let focal_px = pinhole_focal_px(fit);
     let photo = decode_rgb(&calibration.photos[widest.index].path, calibration.size)?;
     let mut out = Rgb8::new(photo.width, photo.height);
     let [cx, cy] = fit.camera.centre_px;
@@ -215,16 +215,21 @@ fn undistorted(calibration: &Calibration, fit: &Fit) -> Result<Option<Rgb8>, Out
     Ok(Some(out))
 }
 
-fn pinhole_focal_px(fit: &Fit) -> Option<f64> {
+/// Where the model ends before a side (Brown-Conrady folds back there), the last place before is taken for its middle.
+fn pinhole_focal_px(fit: &Fit) -> f64 {
+    const STEPS: u32 = 50;
     let camera = &fit.camera;
     let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
-    let [cx, cy] = camera.centre_px;
-    let sides = [([0.0, cy], cx), ([width, cy], width - cx), ([cx, 0.0], cy), ([cx, height], height - cy)];
-    let focals = sides.map(|(side, reach_px)| {
-        let ray = camera.unproject(&Vector2::from(side))?;
-        (ray.z > 0.1).then(|| reach_px * ray.z / ray.xy().norm())
-    });
-    focals.into_iter().try_fold(f64::MAX, |least, focal| Some(least.min(focal?)))
+    let centre = Vector2::from(camera.centre_px);
+    let sides = [[0.0, centre.y], [width, centre.y], [centre.x, 0.0], [centre.x, height]].map(Vector2::from);
+    let focal_px = |side: Vector2<f64>| {
+        let ray = (1..=STEPS).rev().find_map(|step| {
+            let share = f64::from(step) / f64::from(STEPS);
+            camera.unproject(&centre.lerp(&side, share)).filter(|ray| ray.z > 0.2 * ray.norm())
+        });
+        ray.map_or(camera.focal_px[0], |ray| (side - centre).norm() * ray.z / ray.xy().norm())
+    };
+    sides.map(focal_px).into_iter().fold(f64::MAX, f64::min)
 }
 
 /// The colour between four pixels, by the coordinates of their centres.

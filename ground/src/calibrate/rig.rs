@@ -75,7 +75,7 @@ pub struct RigCalibration {
     pub registered: usize,
     /// Median reprojection error.
     pub median_px: f64,
-    /// Rotation of the camera against its nominal mounting, without the part about the shaft: rotation vector in camera axes.
+    /// Rotation of the camera against its nominal mounting, its part about the shaft as stated: rotation vector in camera axes.
     pub mount_rotvec_deg: [Estimated; 3],
     /// What is to be added to the encoder's angles.
     pub shaft_zero_deg: Estimated,

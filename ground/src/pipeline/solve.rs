@@ -304,7 +304,13 @@ impl<'a> Solver<'a> {
         let registered = registered(&tracks, first.poses.len());
         let noise = self.tag_noise(prior, coarse, &first, &registered);
         let (tags, sigma) = self.noisier(&coarse.tags, noise);
-        let start = self.problem(&tags, &first.poses, &tracks, first.shared);
+        let mut shared = first.shared;
+        // What is held is held at what survey.toml states, not where the first adjustment left it.
+        let stated = self.survey.config.rig.mount_rotvec_rad;
+        for axis in (0..3).filter(|&axis| shared_sigmas.mount_rad[axis] == 0.0) {
+            shared.mount_rotvec[axis] = stated[axis];
+        }
+        let start = self.problem(&tags, &first.poses, &tracks, shared);
         let last = adjust(&Problem { sigma, shared_sigmas, ..start }, &weights)?;
         tracks.positions_mut().copy_from_slice(&last.points);
         let end = self.problem(&tags, &last.poses, &tracks, last.shared);

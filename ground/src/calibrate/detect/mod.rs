@@ -139,3 +139,6 @@ fn in_order(mut corners: Vec<Vector2<f64>>, board: &Board) -> Vec<Vector2<f64>> 
     }
     corners
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,6 +13,8 @@ use crate::raster::Grey;
 const SHARE: f64 = 0.3;
 /// Smallest and largest half window, pixels: below, noise decides; above, the lens bends the lines.
 const HALF_PX: [f64; 2] = [3.0, 10.0];
+/// Half windows tried where squares are so slanted that their other sides come into the window, as shares of the first.
+const NARROWER: [f64; 3] = [1.0, 0.7, 0.5];
 const ITERATIONS: usize = 30;
 const ENOUGH_PX: f64 = 1e-4;
 
@@ -20,6 +22,10 @@ const ENOUGH_PX: f64 = 1e-4;
 /// the image.
 pub(super) fn refined(image: &Grey, start: Vector2<f64>, nearest_px: f64) -> Option<Vector2<f64>> {
     let half_px = (SHARE * nearest_px).clamp(HALF_PX[0], HALF_PX[1]);
+    NARROWER.iter().find_map(|share| within(image, start, share * half_px))
+}
+
+fn within(image: &Grey, start: Vector2<f64>, half_px: f64) -> Option<Vector2<f64>> {
     let reach = half_px.ceil() as i32;
     let last = Vector2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
     let mut at = start;

@@ -12,13 +12,15 @@ use serde::Serialize;
 use super::{Board, Model};
 use crate::adjust::median;
 use crate::survey::Size;
-use solver::{Estimate, INTRINSICS, Sighting, cost, minimise, parameters, squares, unit_covariance, values};
+use solver::{Estimate, FINE, INTRINSICS, Sighting, cost, minimise, parameters, squares, unit_covariance, values};
 
 /// Fewer photos do not determine a camera.
 pub(super) const LEAST_PHOTOS: usize = 3;
 /// A photo whose root mean square error is so many times the median photo's, and above the floor, is an outlier.
 const OUTLIER_TIMES: f64 = 3.0;
 const OUTLIER_FLOOR_PX: f64 = 0.5;
+/// Enough for a fit without one photo, whose start is all but its end.
+const JACKKNIFE: f64 = 1e-7;
 
 /// A camera fitted to photos of a board.
 #[derive(Clone, Debug)]
@@ -131,7 +133,7 @@ fn estimated(sightings: &[Sighting], size: Size, model: Model) -> Option<Estimat
         Model::BrownConrady => {
             let mut estimate = start::as_brown_conrady(&fisheye, sightings)?;
             let free = parameters(&estimate.camera);
-            minimise(&mut estimate, sightings, free)?;
+            minimise(&mut estimate, sightings, free, FINE)?;
             Some(estimate)
         }
     }
@@ -152,7 +154,7 @@ fn jackknife(estimate: &Estimate, sightings: &[Sighting]) -> [f64; INTRINSICS] {
         let mut rest = sightings.to_vec();
         rest.remove(left_out);
         let free = parameters(&estimate.camera);
-        minimise(&mut estimate, &rest, free)?;
+        minimise(&mut estimate, &rest, free, JACKKNIFE)?;
         Some(values(&estimate.camera))
     };
     let fits: Vec<[f64; INTRINSICS]> = (0..sightings.len()).into_par_iter().filter_map(without).collect();
@@ -171,3 +173,6 @@ pub(super) fn model_of(camera: &Camera<f64>) -> Model {
         Distortion::KannalaBrandt(_) => Model::KannalaBrandt,
     }
 }
+
+#[cfg(test)]
+mod tests;

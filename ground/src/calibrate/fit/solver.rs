@@ -13,8 +13,9 @@ use nalgebra::{
 /// Room for the intrinsics of either model.
 pub(super) const INTRINSICS: usize = 9;
 const ITERATIONS: usize = 100;
-/// Enough when the cost falls by less than this share.
-const DECREASE: f64 = 1e-12;
+/// Enough when the cost falls by less than this share: of an end, and of what only chooses among starts.
+pub(super) const FINE: f64 = 1e-12;
+pub(super) const ROUGH: f64 = 1e-3;
 const FIRST_DAMPING: f64 = 1e-3;
 const LARGEST_DAMPING: f64 = 1e12;
 
@@ -170,10 +171,11 @@ fn solve(reduced: &Reduced, free: usize) -> Option<Column> {
     Some(step)
 }
 
-/// Minimises the sum of squared pixel errors; returns its half. With `free` = 0 only poses move.
+/// Minimises the sum of squared pixel errors until it falls by less than the share `enough`; returns its half. With `free` = 0
+/// only poses move.
 ///
 /// `None` if the start does not see every corner, or the normal equations are singular at it.
-pub(super) fn minimise(estimate: &mut Estimate, sightings: &[Sighting], free: usize) -> Option<f64> {
+pub(super) fn minimise(estimate: &mut Estimate, sightings: &[Sighting], free: usize, enough: f64) -> Option<f64> {
     let mut best = cost(estimate, sightings);
     let mut damping = FIRST_DAMPING;
     for _ in 0..ITERATIONS {
@@ -193,7 +195,7 @@ pub(super) fn minimise(estimate: &mut Estimate, sightings: &[Sighting], free: us
                 return best.is_finite().then_some(best);
             }
         }
-        if before - best <= DECREASE * best {
+        if before - best <= enough * best {
             break;
         }
     }
@@ -300,7 +302,7 @@ pub(super) mod tests {
             let (mut estimate, sightings) = exact(truth);
             let off = Column::from([30.0, -20.0, 9.0, -7.0, 0.02, -0.01, 1e-3, 1e-3, 0.003]);
             estimate.camera = moved(&truth, &off);
-            assert!(minimise(&mut estimate, &sightings, parameters(&truth)).unwrap() < 1e-10);
+            assert!(minimise(&mut estimate, &sightings, parameters(&truth), FINE).unwrap() < 1e-10);
             for (found, wanted) in values(&estimate.camera).iter().zip(values(&truth)) {
                 assert!((found - wanted).abs() < 1e-5 * (1.0 + wanted.abs()), "{:?}", estimate.camera);
             }

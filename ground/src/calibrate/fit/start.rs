@@ -9,7 +9,7 @@ use adit_geometry::camera::{Camera, Distortion};
 use nalgebra::{Isometry3, Matrix4, Vector2, Vector4};
 
 use super::homography::{focal_px, homography, pose};
-use super::solver::{Estimate, Sighting, minimise, parameters};
+use super::solver::{Estimate, FINE, ROUGH, Sighting, minimise, parameters};
 use crate::survey::Size;
 
 /// Focal lengths tried, as a share of the photo's longer side: from a fisheye of 180 degrees to a telephoto lens.
@@ -37,13 +37,16 @@ pub(super) fn fisheye(sightings: &[Sighting], size: Size) -> Option<Estimate> {
             planes.iter().zip(sightings).map(|(plane, sighting)| first_pose(&camera, plane, sighting)).collect();
         let mut estimate = Estimate { camera, cam_from_board: cam_from_board? };
         // Poses, then the focal lengths and the principal point, then the distortion.
-        for free in [0, 2, 4] {
-            minimise(&mut estimate, sightings, free)?;
+        let mut cost = f64::INFINITY;
+        for free in [0, 2, 4, parameters(&camera)] {
+            cost = minimise(&mut estimate, sightings, free, ROUGH)?;
         }
-        let cost = minimise(&mut estimate, sightings, parameters(&camera))?;
         Some((cost, estimate))
     });
-    fits.min_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, estimate)| estimate)
+    let (_, mut best) = fits.min_by(|(a, _), (b, _)| a.total_cmp(b))?;
+    let free = parameters(&best.camera);
+    minimise(&mut best, sightings, free, FINE)?;
+    Some(best)
 }
 
 fn plane(sighting: &Sighting) -> Vec<Vector2<f64>> {
