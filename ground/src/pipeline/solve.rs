@@ -21,7 +21,7 @@ use super::tag_noise::TagNoise;
 use super::warnings::Judged;
 use crate::adjust::{
     Adjusted, Covariances, Loss as AdjustLoss, Observation, PhotoQuality, Problem, PruneCounts, Pruning, Shared,
-    SharedSigmas, Tracks, Weights, adjust, photo_qualities, prune, tendency,
+    SharedSigmas, Tracks, Weights, adjust, adjust_roughly, photo_qualities, prune, tendency,
 };
 use crate::matching::{MatchConfig, MatchRound, Photos, Pixels, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction};
@@ -295,7 +295,7 @@ impl<'a> Solver<'a> {
     ) -> Result<Settled> {
         let weights = Weights { pixel_px: FINE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
         let poses: Vec<_> = coarse.views.iter().map(|view| view.tunnel_from_cam).collect();
-        let first = adjust(&self.problem(&coarse.tags, &poses, &tracks, coarse.shared), &weights)?;
+        let first = adjust_roughly(&self.problem(&coarse.tags, &poses, &tracks, coarse.shared), &weights)?;
         tracks.positions_mut().copy_from_slice(&first.points);
         // The matches' noise is what the first adjustment leaves (median of a two-dimensional normal: 1.18 sigma).
         let measured_px = first.report.median_after_px / 1.18;
