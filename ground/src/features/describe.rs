@@ -4,7 +4,6 @@
 
 use std::f32::consts::{PI, TAU};
 
-
 use super::sift::Level;
 use super::{Keypoint, Orientation, SiftDescriptor};
 use crate::vectors::vectorised;

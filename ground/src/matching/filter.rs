@@ -4,7 +4,6 @@
 //! Gaussians, and every sum over a template's or a corner's box. Windows start at whole blocks of the wall grid, so every
 //! photo averages alike. What must be done to every texel goes row by row, in vectors, through memory as seldom as possible.
 
-
 use crate::vectors::vectorised;
 
 /// Texels averaged before a wide Gaussian or a box sum, per axis.

@@ -223,8 +223,7 @@ impl Search {
                         }
                     }
                 }
-                let met =
-                    sums_met(&column_sums.each_ref().map(|sums| &sums[start..start + side + GROUP - 1]));
+                let met = sums_met(&column_sums.each_ref().map(|sums| &sums[start..start + side + GROUP - 1]));
                 for ((score, products), [sum, squares]) in scores.iter_mut().zip(products).zip(met) {
                     let area = (side * side) as f32;
                     let deviation = squares - sum * sum / area;

@@ -2,7 +2,6 @@
 
 use std::sync::OnceLock;
 
-
 use super::filter::Plane;
 use crate::vectors::vectorised;
 

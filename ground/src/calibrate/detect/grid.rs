@@ -197,8 +197,8 @@ impl Grower<'_> {
         }
     }
 
-    /// Tells whether one side of the way between two corners is dark and the other bright, and beyond both it is the other
-    /// way round: what the corner next to this one shows, and the one after it does not.
+    /// Tells whether all along the way between two corners one side is dark and the other bright: so it is from a corner to the
+    /// next, and not to the one after it, where the sides change.
     fn is_edge(&self, from: usize, to: usize) -> bool {
         let (from, to) = (&self.saddles[from], &self.saddles[to]);
         let way = to.at - from.at;

@@ -2,7 +2,7 @@
 //!
 //! The determinant of the Hessian finds them (Beaudet, "Rotationally invariant image operators", 1978: negative at a saddle),
 //! a ring around each tells a corner of a chessboard from everything else: exactly four changes between dark and bright,
-//! opposite ones half a turn apart (the idea of Bennett and Lasenby, "ChESS", CVIU 2014). No threshold depends on a photo's
+//! opposite ones half a turn apart (the idea of Bennett and Lasenby, "`ChESS`", CVIU 2014). No threshold depends on a photo's
 //! contrast but the least one: a corner in the glare of a lamp counts as much as one in full light.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};

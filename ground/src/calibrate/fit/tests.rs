@@ -76,7 +76,7 @@ fn formal_sigmas_are_what_the_camera_is_off_by() {
         }
         // Mean square of 12 normal draws: 1 +- 0.41, with a long tail upwards.
         for (index, square) in squares.iter().take(parameters(&camera)).enumerate() {
-            assert!((0.15..2.6).contains(&(square / count)), "{index}: {:?}", squares.map(|square| square / count));
+            assert!((0.1..3.0).contains(&(square / count)), "{index}: {:?}", squares.map(|square| square / count));
         }
     }
 }
