@@ -64,8 +64,15 @@ impl<'a> PairMotion<'a> {
                 let found = Vector2::from(one.found_m);
                 let squared = (found - row * motion).norm_squared() / (scale_m * scale_m);
                 let weight = one.information / ((1.0 + squared) * (1.0 + squared));
-                normal += row.transpose() * row * weight;
-                right += row.transpose() * found * weight;
+                let weighted = row * weight;
+                // The lower triangle is all that is asked for.
+                for column in 0..UNKNOWNS {
+                    for other in column..UNKNOWNS {
+                        normal[(other, column)] +=
+                            row[(0, other)] * weighted[(0, column)] + row[(1, other)] * weighted[(1, column)];
+                    }
+                }
+                right += weighted.transpose() * found;
             }
             let Some(factor) = normal.cholesky() else { break };
             motion = factor.solve(&right);
