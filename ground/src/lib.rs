@@ -7,6 +7,7 @@
 
 pub mod ablation;
 pub mod adjust;
+pub mod calibrate;
 pub mod change;
 pub mod comparison;
 pub mod correspond;

@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod autopilot;
+pub mod board;
 pub mod card;
 pub mod check;
 pub mod command;

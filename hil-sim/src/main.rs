@@ -5,6 +5,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use adit_hil_sim::board::{BOARD_PARTS, BoardOptions, LensModel, make_board_photos};
 use adit_hil_sim::card::log_bytes;
 use adit_hil_sim::check::Report;
 use adit_hil_sim::command::{FLIGHT_PARTS, Left, MissionFile, figures_text, photo_bar, prepare};
@@ -34,6 +35,8 @@ enum Verb {
     Fly(FlyArguments),
     /// Make a survey folder with its truth from a scripted way through a tunnel, to test the ground side with.
     Survey(SurveyArguments),
+    /// Make photos of a chessboard by a camera that is known exactly, to test `adit calibrate` with.
+    Board(BoardArguments),
 }
 
 #[derive(Args)]
@@ -96,6 +99,40 @@ struct SurveyArguments {
     force: bool,
 }
 
+#[derive(Args)]
+struct BoardArguments {
+    /// Folder to write to; made if it is not there.
+    #[arg(long)]
+    out: PathBuf,
+    /// The lens's model.
+    #[arg(long, value_enum, default_value_t = LensModel::BrownConrady)]
+    model: LensModel,
+    /// How many photos.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..1_000))]
+    photos: u32,
+    /// Seed of camera, poses and noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Width of the photos in pixels; height and lens follow.
+    #[arg(long, default_value_t = 1280, value_parser = clap::value_parser!(u32).range(200..=8000))]
+    width_px: u32,
+    /// Blur of the lens: standard deviation of its point spread.
+    #[arg(long, default_value_t = 0.7, value_name = "PX")]
+    blur_px: f64,
+    /// Noise: standard deviation, of 255 levels.
+    #[arg(long, default_value_t = 2.0, value_name = "LEVELS")]
+    noise_levels: f64,
+    /// Threads for rendering; default: all processors.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Print the figures as JSON.
+    #[arg(long)]
+    json: bool,
+    /// Write into a folder that is not empty: what an earlier set left there is removed first.
+    #[arg(long)]
+    force: bool,
+}
+
 /// Who flies the board, and who watches.
 #[derive(Args)]
 struct VehicleArguments {
@@ -115,6 +152,7 @@ fn main() -> ExitCode {
     let good = match Cli::parse().command {
         Verb::Fly(arguments) => run(&arguments).map(|report| report.violations.is_empty()),
         Verb::Survey(arguments) => survey(&arguments).map(|()| true),
+        Verb::Board(arguments) => board(&arguments).map(|()| true),
     };
     match good {
         Ok(true) => ExitCode::SUCCESS,
@@ -164,6 +202,31 @@ fn survey(arguments: &SurveyArguments) -> Result<()> {
     } else {
         println!("photos             {}", figures.photos);
         println!("length             {:.2} m", figures.length_m);
+    }
+    Ok(())
+}
+
+fn board(arguments: &BoardArguments) -> Result<()> {
+    eprintln!("seed {}", arguments.seed);
+    prepare(&arguments.out, arguments.force, &BOARD_PARTS)?;
+    start_threads(arguments.threads)?;
+    let options = BoardOptions {
+        model: arguments.model,
+        photos: arguments.photos,
+        seed: arguments.seed,
+        width_px: arguments.width_px,
+        blur_px: arguments.blur_px,
+        noise_levels: arguments.noise_levels,
+    };
+    let bar = photo_bar()?;
+    bar.set_length(u64::from(arguments.photos));
+    let truth = make_board_photos(&arguments.out, &options, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&truth)?);
+    } else {
+        println!("photos             {}", truth.photos.len());
+        println!("camera             {}", arguments.out.join("truth/camera.toml").display());
     }
     Ok(())
 }

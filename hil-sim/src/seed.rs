@@ -35,6 +35,8 @@ pub enum Stream {
     Wall = 40,
     /// Exposure and white balance of a survey set's photos.
     Exposure = 41,
+    /// The camera and the poses of a set of photos of a board (one stream each for camera, poses and noise).
+    Board = 50,
 }
 
 /// A stream of random numbers.

@@ -61,6 +61,15 @@ enum Command {
         #[arg(long)]
         fresh: bool,
     },
+    /// Run `adit calibrate` and OpenCV on the same photos of chessboards and write one table.
+    ///
+    /// The real photos of shared/samples, where they are, and two simulated sets with a known camera. Installs OpenCV from
+    /// `PyPI` in target/.
+    BenchCalibration {
+        /// Where table.md and table.json go.
+        #[arg(long, default_value = "target/bench-calibration")]
+        out: PathBuf,
+    },
     /// Build the viewer's page from ground/viewer/ into ground/viewer/dist, which is committed and embedded in `adit`.
     ///
     /// Needs node 20 or newer with npm; packages come from npm as pinned in package-lock.json.
@@ -90,6 +99,7 @@ fn main() -> ExitCode {
             let out = shell::top().join(out);
             bench_peers::bench_peers(&bench_peers::Options { sets, out, skip_peer, fresh })
         }
+        Command::BenchCalibration { out } => bench_peers::bench_calibration(&shell::top().join(out)),
         Command::Viewer { check } => viewer::viewer(check),
         Command::Size => flash::size(),
         Command::Test => test::test(),

@@ -3,6 +3,8 @@
 mod ablation;
 mod adjust;
 mod board;
+mod calibrate;
+mod calibrate_rig;
 mod compare;
 mod evaluate;
 mod export;
@@ -63,6 +65,8 @@ pub(crate) struct Common {
 enum Command {
     Plan(plan::Arguments),
     Preflight(preflight::Arguments),
+    Calibrate(calibrate::Arguments),
+    CalibrateRig(calibrate_rig::Arguments),
     Ingest(ingest::Arguments),
     Reconstruct(reconstruct::Arguments),
     Evaluate(evaluate::Arguments),
@@ -80,6 +84,8 @@ impl Cli {
         match self.command {
             Command::Plan(arguments) => plan::run(&arguments, &self.common),
             Command::Preflight(arguments) => preflight::run(&arguments, &self.common),
+            Command::Calibrate(arguments) => calibrate::run(&arguments, &self.common),
+            Command::CalibrateRig(arguments) => calibrate_rig::run(&arguments, &self.common),
             Command::Ingest(arguments) => ingest::run(&arguments, &self.common),
             Command::Reconstruct(arguments) => reconstruct::run(&arguments, &self.common),
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),

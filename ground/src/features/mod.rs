@@ -24,6 +24,7 @@ mod tests;
 
 pub use nearest::{Descriptor, Neighbour, nearest};
 pub use orb::{OrbOptions, orb};
+pub(crate) use scale_space::{blurred, halved};
 pub use sift::{SiftOptions, sift};
 
 /// A gradient histogram, square root of its L1 normalisation ("`RootSIFT`", Arandjelovic and Zisserman, CVPR 2012), times 512.

@@ -53,7 +53,7 @@ pub(super) fn octaves(photo: &Grey, doubled: bool) -> Vec<Octave> {
             let more = FIRST_BLUR * (growth(scale) - growth(scale - 1)).sqrt();
             images.push(blurred(&images[scale - 1], more));
         }
-        first = halve(&images[SCALES]);
+        first = halved(&images[SCALES]);
         octaves.push(Octave { step_px, images });
         step_px *= 2.0;
     }
@@ -78,7 +78,7 @@ fn double(photo: &Grey) -> Grey {
 }
 
 /// Every second sample of every second row.
-fn halve(image: &Grey) -> Grey {
+pub(crate) fn halved(image: &Grey) -> Grey {
     let (width, height) = (image.width / 2, image.height / 2);
     let mut out = Grey::new(width, height);
     for (row, line) in out.data.chunks_exact_mut(width).enumerate() {
@@ -90,7 +90,7 @@ fn halve(image: &Grey) -> Grey {
 }
 
 /// Gaussian blur, cut at four standard deviations, mirrored at the border.
-pub(super) fn blurred(image: &Grey, sigma: f32) -> Grey {
+pub(crate) fn blurred(image: &Grey, sigma: f32) -> Grey {
     let radius = (4.0 * sigma).ceil().max(1.0) as usize;
     let mut taps: Vec<f32> = (0..=radius).map(|i| (-0.5 * (i as f32 / sigma).powi(2)).exp()).collect();
     let sum = 2.0 * taps[1..].iter().sum::<f32>() + taps[0];

@@ -253,27 +253,12 @@ impl<'a> Solver<'a> {
     /// # Errors
     /// If the normal equations cannot be solved or a mask cannot be read.
     pub fn adjust(&self, prior: &PriorStage, coarse: &CoarseStage, matches: MatchStage) -> Result<AdjustStage> {
-        let mut tracks = matches.tracks;
-        let weights = Weights { pixel_px: FINE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
-        let poses: Vec<_> = coarse.views.iter().map(|view| view.tunnel_from_cam).collect();
-        let first = adjust_roughly(&self.problem(&coarse.tags, &poses, &tracks, coarse.shared), &weights)?;
-        tracks.positions_mut().copy_from_slice(&first.points);
-        // The matches' noise is what the first adjustment leaves (median of a two-dimensional normal: 1.18 sigma).
-        let measured_px = first.report.median_after_px / 1.18;
-        let weights = Weights { pixel_px: measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX), ..weights };
-        let pruned = self.prune(&mut tracks, &first)?;
-        let shared_sigmas = self.freed(prior);
-        let registered = registered(&tracks, first.poses.len());
-        let noise = self.tag_noise(prior, coarse, &first, &registered);
-        let (tags, sigma) = self.noisier(&coarse.tags, noise);
-        let start = self.problem(&tags, &first.poses, &tracks, first.shared);
-        let last = adjust(&Problem { sigma, shared_sigmas, ..start }, &weights)?;
-        tracks.positions_mut().copy_from_slice(&last.points);
-        let end = self.problem(&tags, &last.poses, &tracks, last.shared);
-        let problem = Problem { sigma, shared_sigmas, ..end };
-        let covariances = Covariances::at(&problem, &weights)?;
-        let qualities = photo_qualities(&problem, &weights);
-        let poses = self.survey.photos.iter().zip(covariances.pose_sigmas()).enumerate();
+        let settled = self.settle(prior, coarse, matches.tracks, self.freed(prior))?;
+        let Settled { last, weights, registered, noise, .. } = &settled;
+        let end = self.problem(&settled.tags, &last.poses, &settled.tracks, last.shared);
+        let problem = Problem { sigma: settled.sigma, shared_sigmas: settled.shared_sigmas, ..end };
+        let qualities = photo_qualities(&problem, weights);
+        let poses = self.survey.photos.iter().zip(settled.covariances.pose_sigmas()).enumerate();
         let poses = poses.map(|(index, (photo, sigma))| PhotoPose {
             photo: photo.name.clone(),
             tunnel_from_cam: last.poses[index],
@@ -284,11 +269,20 @@ impl<'a> Solver<'a> {
         });
         let poses: Vec<PhotoPose> = poses.collect();
         let profile = prior.profile.scaled(last.shared.profile_size);
-        let camera_off_px = self.camera_off_px(&problem, &weights)?;
+        let camera_off_px = self.camera_off_px(&problem, weights)?;
         let round = &matches.round;
-        let judged =
-            Judged { solver: self, prior, coarse, round, problem: &problem, poses: &poses, noise, camera_off_px };
+        let judged = Judged {
+            solver: self,
+            prior,
+            coarse,
+            round,
+            problem: &problem,
+            poses: &poses,
+            noise: *noise,
+            camera_off_px,
+        };
         let warnings = judged.warnings();
+        let Settled { tracks, first, last, pruned, .. } = settled;
         let camera = last.shared.camera;
         Ok(AdjustStage {
             reconstruction: Reconstruction { poses, tracks, camera, profile },
@@ -298,6 +292,42 @@ impl<'a> Solver<'a> {
             last: last.report,
             pruned,
         })
+    }
+
+    /// Adjusts with mounting and odometer scale free, prunes, and adjusts with what `shared_sigmas` free.
+    ///
+    /// # Errors
+    /// As [`Self::adjust`].
+    pub(crate) fn settle(
+        &self,
+        prior: &PriorStage,
+        coarse: &CoarseStage,
+        mut tracks: Tracks,
+        shared_sigmas: SharedSigmas,
+    ) -> Result<Settled> {
+        let weights = Weights { pixel_px: FINE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
+        let poses: Vec<_> = coarse.views.iter().map(|view| view.tunnel_from_cam).collect();
+        let first = adjust_roughly(&self.problem(&coarse.tags, &poses, &tracks, coarse.shared), &weights)?;
+        tracks.positions_mut().copy_from_slice(&first.points);
+        // The matches' noise is what the first adjustment leaves (median of a two-dimensional normal: 1.18 sigma).
+        let measured_px = first.report.median_after_px / 1.18;
+        let weights = Weights { pixel_px: measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX), ..weights };
+        let pruned = self.prune(&mut tracks, &first)?;
+        let registered = registered(&tracks, first.poses.len());
+        let noise = self.tag_noise(prior, coarse, &first, &registered);
+        let (tags, sigma) = self.noisier(&coarse.tags, noise);
+        let mut shared = first.shared;
+        // What is held is held at what survey.toml states, not where the first adjustment left it.
+        let stated = self.survey.config.rig.mount_rotvec_rad;
+        for axis in (0..3).filter(|&axis| shared_sigmas.mount_rad[axis] == 0.0) {
+            shared.mount_rotvec[axis] = stated[axis];
+        }
+        let start = self.problem(&tags, &first.poses, &tracks, shared);
+        let last = adjust(&Problem { sigma, shared_sigmas, ..start }, &weights)?;
+        tracks.positions_mut().copy_from_slice(&last.points);
+        let end = self.problem(&tags, &last.poses, &tracks, last.shared);
+        let covariances = Covariances::at(&Problem { sigma, shared_sigmas, ..end }, &weights)?;
+        Ok(Settled { tags, sigma, shared_sigmas, weights, tracks, first, last, pruned, registered, noise, covariances })
     }
 
     fn tag_noise(
@@ -444,6 +474,22 @@ impl<'a> Solver<'a> {
         let losses = photos.faults().into_iter().map(|(photo, why)| Loss::new(name(photo), why)).collect();
         (round, losses)
     }
+}
+
+/// A last adjustment, and what it was made of.
+pub(crate) struct Settled {
+    /// Tags and their uncertainty, as noisy as they turned out to be.
+    tags: Vec<TagPrior>,
+    sigma: Sigma,
+    shared_sigmas: SharedSigmas,
+    weights: Weights,
+    tracks: Tracks,
+    first: Adjusted,
+    pub(crate) last: Adjusted,
+    pruned: PruneCounts,
+    pub(crate) registered: Vec<bool>,
+    noise: TagNoise,
+    pub(crate) covariances: Covariances,
 }
 
 /// Photos by the number of a view.

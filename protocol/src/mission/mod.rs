@@ -53,6 +53,18 @@ pub struct CameraConfig {
     pub rolling_shutter_s: f64,
 }
 
+impl CameraConfig {
+    /// The table `[camera]` of survey and mission files.
+    pub fn to_toml(&self) -> String {
+        write::camera(self)
+    }
+}
+
+/// The table `[rig]` of survey and mission files.
+pub fn rig_to_toml(rig: &Rig<f64>) -> String {
+    write::rig(rig)
+}
+
 /// One standard deviation of what `tags.csv` claims.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sigma {

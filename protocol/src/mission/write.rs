@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 use adit_geometry::camera::Distortion;
 use adit_geometry::profile::ProfileSpec;
-use adit_geometry::rig::ImageUp;
+use adit_geometry::rig::{ImageUp, Rig};
 
-use super::{FORMAT, SurveyConfig};
+use super::{CameraConfig, FORMAT, SurveyConfig};
 
 /// The text of a `survey.toml`.
 pub(super) fn survey(config: &SurveyConfig) -> String {
@@ -14,8 +14,24 @@ pub(super) fn survey(config: &SurveyConfig) -> String {
     line(&mut out, "format", &FORMAT.to_string());
     out.push_str("\n[tunnel]\n");
     tunnel(&mut out, &config.profile);
-    out.push_str("\n[camera]\n");
-    let camera = &config.camera.camera;
+    out.push('\n');
+    out.push_str(&camera(&config.camera));
+    out.push('\n');
+    out.push_str(&rig(&config.rig));
+    out.push_str("\n[sigma]\n");
+    let sigma = &config.sigma;
+    line(&mut out, "shaft_deg", &number(degrees(sigma.shaft_rad)));
+    line(&mut out, "range_m", &number(sigma.range_m));
+    line(&mut out, "odometer_m_per_m", &number(sigma.odometer_m_per_m));
+    line(&mut out, "attitude_deg", &number(degrees(sigma.attitude_rad)));
+    line(&mut out, "mount_deg", &number(degrees(sigma.mount_rad)));
+    out
+}
+
+/// The table `[camera]`.
+pub(super) fn camera(config: &CameraConfig) -> String {
+    let mut out = "[camera]\n".to_owned();
+    let camera = &config.camera;
     let (model, coefficients) = match &camera.distortion {
         Distortion::BrownConrady(k) => ("brown-conrady", k.as_slice()),
         Distortion::KannalaBrandt(k) => ("kannala-brandt", k.as_slice()),
@@ -28,10 +44,14 @@ pub(super) fn survey(config: &SurveyConfig) -> String {
         line(&mut out, key, &number(value));
     }
     line(&mut out, "distortion", &list(coefficients));
-    line(&mut out, "refine", &config.camera.refine.to_string());
-    line(&mut out, "rolling_shutter_s", &number(config.camera.rolling_shutter_s));
-    out.push_str("\n[rig]\n");
-    let rig = &config.rig;
+    line(&mut out, "refine", &config.refine.to_string());
+    line(&mut out, "rolling_shutter_s", &number(config.rolling_shutter_s));
+    out
+}
+
+/// The table `[rig]`.
+pub(super) fn rig(rig: &Rig<f64>) -> String {
+    let mut out = "[rig]\n".to_owned();
     line(&mut out, "images_per_turn", &rig.images_per_turn.to_string());
     let up = match rig.image_up {
         ImageUp::Forward => "forward",
@@ -43,13 +63,6 @@ pub(super) fn survey(config: &SurveyConfig) -> String {
     line(&mut out, "lever_radial_m", &number(rig.lever_radial_m));
     line(&mut out, "lever_forward_m", &number(rig.lever_forward_m));
     line(&mut out, "mount_rotvec_deg", &list(&rig.mount_rotvec_rad.map(degrees)));
-    out.push_str("\n[sigma]\n");
-    let sigma = &config.sigma;
-    line(&mut out, "shaft_deg", &number(degrees(sigma.shaft_rad)));
-    line(&mut out, "range_m", &number(sigma.range_m));
-    line(&mut out, "odometer_m_per_m", &number(sigma.odometer_m_per_m));
-    line(&mut out, "attitude_deg", &number(degrees(sigma.attitude_rad)));
-    line(&mut out, "mount_deg", &number(degrees(sigma.mount_rad)));
     out
 }
 

@@ -3,6 +3,7 @@
 mod agreement;
 mod bad_input;
 mod bench;
+mod calibration;
 mod flight;
 mod killed;
 mod preflight;

@@ -4,6 +4,7 @@
 //! Both sides get two threads, the same photos and masks, and go through the same `adit evaluate`.
 
 mod bal;
+mod calibration;
 mod outcome;
 mod peer;
 mod sets;
@@ -16,6 +17,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 
 use crate::shell::{output, run, top};
+pub(crate) use calibration::bench_calibration;
 use outcome::{Outcome, Who};
 use sets::Set;
 
