@@ -26,7 +26,7 @@ mod trust;
 mod version;
 
 pub use commands::CommandOutcome;
-pub use error::{LinkError, Question};
+pub use error::{LinkError, Question, SerialTrouble};
 pub use key::{KeyError, KeyFile};
 pub use log_fetch::{LOG_WINDOW_BYTES, LogEndedEarly, LogFetch};
 pub use logs::{LogEntry, LogProgress, log_name};
