@@ -142,11 +142,9 @@ impl<T: Real> ProfileSpec<T> {
                 rise_m: to(rise_m),
                 axis_height_m: to(axis_height_m),
             },
-            Self::Horseshoe { width_m, wall_m, axis_height_m } => ProfileSpec::Horseshoe {
-                width_m: to(width_m),
-                wall_m: to(wall_m),
-                axis_height_m: to(axis_height_m),
-            },
+            Self::Horseshoe { width_m, wall_m, axis_height_m } => {
+                ProfileSpec::Horseshoe { width_m: to(width_m), wall_m: to(wall_m), axis_height_m: to(axis_height_m) }
+            }
             Self::Chain { vertices } => ProfileSpec::Chain {
                 vertices: vertices
                     .iter()

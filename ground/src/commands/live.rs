@@ -28,9 +28,11 @@ use super::{Answer, Common, positive};
 /// The page is served on this machine only unless --web names another address: its own then carries a token, without which
 /// nothing is shown. Section, camera and rig come from --mission; without it the board is asked for its own.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  adit live serial:/dev/ttyUSB0:57600 --mission mission.toml --record flight.tlog\n  \
+#[command(
+    after_help = "Examples:\n  adit live serial:/dev/ttyUSB0:57600 --mission mission.toml --record flight.tlog\n  \
     adit live udpin:0.0.0.0:14550 --web 0.0.0.0:8080\n  adit live --replay flight.tlog --mission mission.toml --speed 10\n\n\
-    Keys: q ends, ? explains the screen.")]
+    Keys: q ends, ? explains the screen."
+)]
 pub(super) struct Arguments {
     /// Where the board is: serial:DEVICE:BAUD, udpin:, udpout:, tcpin: or tcpout:HOST:PORT; directly, or through the
     /// autopilot's telemetry
@@ -79,8 +81,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
         let setting = setting(path)?;
         state.set(setting).with_context(|| path.display().to_string())?;
     }
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_all().build().context("cannot start the link's runtime")?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .context("cannot start the link's runtime")?;
     let shows = match (Arguments::owns_terminal(common), common.json) {
         (true, _) => Shows::Screen,
         (false, true) => Shows::Lines,

@@ -15,7 +15,7 @@ use super::picture::Picture;
 use super::replay::{Replay, ReplayError};
 use super::setting::Setting;
 use super::state::State;
-use super::view::{RecordView, ReplayView, View};
+use super::view::{RecordView, ReplayView, View, WallView};
 use crate::link::{Heard, LinkError, Session};
 
 /// Time between two pictures.
@@ -52,6 +52,7 @@ pub struct Live {
     frames: watch::Sender<Arc<Frame>>,
     strip: Arc<Picture>,
     strip_revision: u64,
+    wall: Option<WallView>,
     record: Option<RecordView>,
     replay: Option<ReplayView>,
 }
@@ -61,17 +62,19 @@ impl Live {
     pub fn new(state: State) -> (Self, watch::Receiver<Arc<Frame>>) {
         let (frames, shown) = watch::channel(Arc::default());
         let strip = Arc::default();
-        (Self { state, frames, strip, strip_revision: 0, record: None, replay: None }, shown)
+        (Self { state, frames, strip, strip_revision: 0, wall: None, record: None, replay: None }, shown)
     }
 
     fn show(&mut self, now: Duration) {
-        if let Some(strip) = self.state.strip() {
-            if strip.revision() != self.strip_revision || self.strip.columns == 0 {
-                self.strip_revision = strip.revision();
-                self.strip = Arc::new(Picture::of(strip, &self.strip));
-            }
+        if let Some(strip) = self.state.strip()
+            && (strip.revision() != self.strip_revision || self.strip.columns == 0)
+        {
+            self.strip_revision = strip.revision();
+            self.strip = Arc::new(Picture::of(strip, &self.strip));
+            self.wall = self.strip.wall();
         }
-        let view = View { record: self.record.clone(), replay: self.replay, ..self.state.show(now) };
+        let shown = self.state.show(now);
+        let view = View { record: self.record.clone(), replay: self.replay, wall: self.wall, ..shown };
         self.frames.send_replace(Arc::new(Frame { view, strip: Arc::clone(&self.strip) }));
     }
 }

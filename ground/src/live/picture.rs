@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::strip::{Cell, Strip};
+use super::view::WallView;
 
 /// A stretch of it: 64 rows along the axis.
 #[derive(Debug)]
@@ -34,5 +35,18 @@ impl Picture {
             (number, known.map_or_else(anew, Arc::clone))
         });
         Self { cell_m: strip.cell_m(), columns: strip.columns(), stretches: stretches.collect() }
+    }
+
+    /// How much of it is seen.
+    pub(super) fn wall(&self) -> Option<WallView> {
+        let of = |wanted: fn(&Cell) -> bool| {
+            let cells: usize =
+                self.stretches.values().map(|stretch| stretch.cells.iter().filter(|cell| wanted(cell)).count()).sum();
+            cells as f64 * self.cell_m * self.cell_m
+        };
+        (self.columns > 0).then(|| WallView {
+            seen_m2: of(|cell| *cell == Cell::Seen),
+            marked_m2: of(|cell| matches!(cell, Cell::Gap | Cell::Thin)),
+        })
     }
 }

@@ -50,8 +50,13 @@ impl Quality {
     pub(super) fn show(&self, now: Duration) -> (f64, Option<f64>) {
         // The second that is under way is not over.
         let past = now.as_secs().saturating_sub(SECONDS as u64 - 1)..now.as_secs();
-        let of = |count: fn(&Second) -> u32| -> f64 {
-            self.seconds.iter().filter(|second| past.contains(&second.number)).map(|second| f64::from(count(second))).sum()
+        let of = |count: fn(&Second) -> u32| {
+            let counts = self
+                .seconds
+                .iter()
+                .filter(|second| past.contains(&second.number))
+                .map(|second| u64::from(count(second)));
+            counts.sum::<u64>() as f64
         };
         let (heard, lost) = (of(|second| second.heard), of(|second| second.lost));
         let seconds = (past.end - past.start).max(1) as f64;

@@ -10,7 +10,8 @@ use std::time::Duration;
 
 use adit_protocol::beams::Beam;
 use adit_protocol::mavlink::{
-    AUTOPILOT_COMPONENT, Autopilot, BOARD_COMPONENT, CAMERA_COMPONENT, Counters, Incoming, Instrument, NO_AUTOPILOT, Target,
+    AUTOPILOT_COMPONENT, Autopilot, BOARD_COMPONENT, CAMERA_COMPONENT, Counters, Incoming, Instrument, NO_AUTOPILOT,
+    Target,
 };
 use adit_protocol::parameters::CaptureWiring;
 use adit_protocol::record::Mode;
@@ -210,7 +211,8 @@ impl State {
         self.speed_mps.set(now, telemetry.speed_mps.and_then(finite));
         self.limit_mps.set(now, telemetry.limit_mps.and_then(finite));
         self.enforcement.set(now, Some(telemetry.enforcement));
-        self.shaft_rad.set(now, finite(telemetry.shaft_rad).map(|shaft_rad| shaft_rad.rem_euclid(std::f64::consts::TAU)));
+        self.shaft_rad
+            .set(now, finite(telemetry.shaft_rad).map(|shaft_rad| shaft_rad.rem_euclid(std::f64::consts::TAU)));
         self.commanded.set(now, Some(telemetry.captures));
         self.missed.set(now, Some(telemetry.missed));
         self.water_level_m.set(now, telemetry.water_level_m.and_then(finite));

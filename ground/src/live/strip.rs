@@ -3,8 +3,8 @@
 //! # Model
 //! Each photo is posed by its tag: odometer, place in the section, attitude, shaft angle, mounting. A cell of the wall counts
 //! as seen by it if the cell's centre falls into the image and nothing of the section hides it. A cell is *behind* if the
-//! vehicle has been so far beyond it that no photo from where it is now shows it; cells behind that too few photos show, and
-//! cells of missed photos, are gaps.
+//! vehicle has been so far beyond it that no photo from where it is now shows it. Cells that too few photos show are marked
+//! once they are behind, and those of a missed photo at once; what is marked and behind is a gap to fly back to.
 //! # Limits
 //! Centimetres of odometer and degrees of attitude are not known better here than the tag says: the strip tells where to
 //! look again, the reconstruction tells what was seen. Memory grows by 4 KB per metre of a 3 m pipe, up to [`MOST_BLOCKS`].
@@ -218,10 +218,12 @@ impl Strip {
         .collect()
     }
 
+    fn is_behind(&self, x_m: f64, column: &Column) -> bool {
+        self.flown_m.is_some_and(|[from_m, to_m]| (from_m + column.reach_m..=to_m - column.reach_m).contains(&x_m))
+    }
+
     fn judge(&self, cell: u8, x_m: f64, column: &Column) -> Cell {
-        let is_behind =
-            self.flown_m.is_some_and(|[from_m, to_m]| (from_m + column.reach_m..=to_m - column.reach_m).contains(&x_m));
-        let is_left = is_behind || cell & MISSED != 0;
+        let is_left = cell & MISSED != 0 || self.is_behind(x_m, column);
         match cell & COUNT {
             count if count >= self.setting.views => Cell::Seen,
             0 if is_left => Cell::Gap,
@@ -338,9 +340,8 @@ impl Strip {
             let within = row.rem_euclid(BLOCK_ROWS) as usize * columns;
             let cells = self.blocks.get(&number).and_then(|block| block.cells.get(within..within + columns));
             for ((index, count), column) in counts.iter_mut().enumerate().zip(&self.columns) {
-                let cell = cells.and_then(|cells| cells.get(index)).copied().unwrap_or(0);
-                let judged = self.judge(cell, self.x_m(row), column);
-                *count = u16::from(!matches!(judged, Cell::Gap | Cell::Thin));
+                let views = cells.and_then(|cells| cells.get(index)).copied().unwrap_or(0) & COUNT;
+                *count = u16::from(views >= self.setting.views || !self.is_behind(self.x_m(row), column));
             }
         }
         let stretch = [lattice.x0_m, lattice.x_m(rows)];

@@ -50,6 +50,8 @@ pub struct View {
     pub water_level_m: Reading<f64>,
     /// The vehicle's battery.
     pub battery: Reading<BatteryView>,
+    /// How much of the wall was photographed; `None` where the section is not known.
+    pub wall: Option<WallView>,
     /// Gaps of the wall behind the vehicle, largest first.
     pub gaps: Vec<Hole>,
     /// What the board and the autopilot said last, newest first.
@@ -81,6 +83,15 @@ pub struct BatteryView {
     pub voltage_v: Option<f64>,
     /// Share that is left.
     pub remaining: Option<f64>,
+}
+
+/// The wall so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct WallView {
+    /// Shown by enough photos.
+    pub seen_m2: f64,
+    /// Shown by too few, and left behind or meant to be shown by a photo that is missing.
+    pub marked_m2: f64,
 }
 
 /// Is a range to be believed?

@@ -11,6 +11,8 @@ const BATTERY_LOW: f64 = 0.3;
 const BATTERY_EMPTY: f64 = 0.15;
 /// More lost frames than this make figures jump.
 const LOST_MANY: f64 = 0.1;
+/// A vehicle that holds its place moves by as much.
+const OVERSPEED_MPS: f64 = 0.02;
 /// The beams' names, in order.
 const BEAMS: [&str; 4] = ["up", "right", "down", "left"];
 
@@ -70,16 +72,24 @@ fn link(view: &View, all: &mut Vec<Warning>) {
 fn flight(view: &View, circumstances: &Circumstances<'_>, all: &mut Vec<Warning>) {
     match view.mode.fresh() {
         Some(Mode::Fault) => say(all, Level::Alarm, "BOARD FAULT: no photos are taken"),
-        Some(Mode::Degraded) => say(all, Level::Warning, "board degraded: position, encoder, autopilot or log is missing"),
+        Some(Mode::Degraded) => {
+            say(all, Level::Warning, "board degraded: position, encoder, autopilot or log is missing")
+        }
         _ => {}
     }
     let (speed, limit) = (view.speed_mps.fresh(), view.limit_mps.fresh());
-    if let (Some(speed_mps), Some(limit_mps), true) = (speed, limit, view.is_overspeed) {
+    if let (Some(speed_mps), Some(limit_mps), true) = (speed, limit, view.is_overspeed)
+        && speed_mps > limit_mps + OVERSPEED_MPS
+    {
         say(all, Level::Alarm, format!("TOO FAST: {speed_mps:.2} m/s, limit {limit_mps:.2} m/s"));
     }
     match view.enforcement.fresh() {
-        Some(Enforcement::Ineffective) => say(all, Level::Warning, "the autopilot ignores the speed limit: slow down by hand"),
-        Some(Enforcement::NotPossible) => say(all, Level::Warning, "no speed limit in this flight mode: keep below it by hand"),
+        Some(Enforcement::Ineffective) => {
+            say(all, Level::Warning, "the autopilot ignores the speed limit: slow down by hand")
+        }
+        Some(Enforcement::NotPossible) => {
+            say(all, Level::Warning, "no speed limit in this flight mode: keep below it by hand")
+        }
         _ => {}
     }
     let most_m = circumstances.setting.map_or(f64::INFINITY, |setting| setting.offset_max_m);
@@ -116,7 +126,11 @@ fn wall(view: &View, circumstances: &Circumstances<'_>, all: &mut Vec<Warning>) 
     }
     if circumstances.unplaced > 0 {
         let unplaced = circumstances.unplaced;
-        say(all, Level::Warning, format!("{unplaced} photos have no place along the axis (no odometer): not in the strip"));
+        say(
+            all,
+            Level::Warning,
+            format!("{unplaced} photos have no place along the axis (no odometer): not in the strip"),
+        );
     }
     if let Some(gap) = view.gaps.first() {
         let hours = |clock: f64| if clock < 0.5 { 12.0 } else { clock };
@@ -125,8 +139,13 @@ fn wall(view: &View, circumstances: &Circumstances<'_>, all: &mut Vec<Warning>) 
             0 => String::new(),
             more => format!(" and {more} more"),
         };
+        let clock = match (gap.clock_to - gap.clock_from, format!("{from:.0}"), format!("{to:.0}")) {
+            (11.9.., ..) => "all around".to_owned(),
+            (_, from, to) if from == to => format!("{from} o'clock"),
+            (_, from, to) => format!("{from} to {to} o'clock"),
+        };
         let (x_from_m, x_to_m) = (gap.x_from_m, gap.x_to_m);
-        let text = format!("GAP at {x_from_m:.1} to {x_to_m:.1} m, {from:.0} to {to:.0} o'clock{more}");
+        let text = format!("GAP behind: {x_from_m:.1} to {x_to_m:.1} m, {clock}{more}");
         say(all, Level::Alarm, text);
     }
 }

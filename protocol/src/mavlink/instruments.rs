@@ -38,15 +38,17 @@ impl Instrument {
         Some(match frame.message {
             // SYS_STATUS: three sets of sensors, load, voltage, current, seven counts, remaining.
             1 => Self::Battery {
-                voltage_v: Some(frame.u16(14)).filter(|mv| ![0, u16::MAX].contains(mv)).map(|mv| f32::from(mv) / 1000.0),
-                remaining: Some(frame.u8(30)).filter(|percent| *percent <= 100).map(|percent| f32::from(percent) / 100.0),
+                voltage_v: Some(frame.u16(14))
+                    .filter(|mv| ![0, u16::MAX].contains(mv))
+                    .map(|mv| f32::from(mv) / 1000.0),
+                remaining: Some(frame.u8(30))
+                    .filter(|percent| *percent <= 100)
+                    .map(|percent| f32::from(percent) / 100.0),
             },
             // RADIO_STATUS: receive errors, corrected, signal, far signal, buffer, noise, far noise.
-            109 => Self::Radio {
-                signal: known(frame.u8(4)),
-                far_signal: known(frame.u8(5)),
-                noise: known(frame.u8(7)),
-            },
+            109 => {
+                Self::Radio { signal: known(frame.u8(4)), far_signal: known(frame.u8(5)), noise: known(frame.u8(7)) }
+            }
             // DISTANCE_SENSOR: time, least, most, current, type, id, orientation, ...
             132 => Self::Range {
                 range_m: f32::from(frame.u16(8)) / 100.0,

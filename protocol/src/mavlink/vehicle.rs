@@ -1,7 +1,9 @@
 //! What an autopilot says, for simulated ones.
 
 use mavlink::MessageData;
-use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, SYS_STATUS_DATA, VFR_HUD_DATA};
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, SYS_STATUS_DATA, VFR_HUD_DATA,
+};
 
 use super::board::MAVLINK_VERSION;
 use super::{OutFrame, Sender};

@@ -23,9 +23,13 @@ pub(super) fn draw(target: &mut ratatui::Frame<'_>, area: Rect, view: &View) {
         bar(view, area.width),
         Line::default(),
         photos(view),
+        wall(view),
         shaft(view),
         ranges(view),
-        row("WATER", vec![reading(&view.water_level_m, |level_m| format!("{:.0} cm above the floor", level_m * 100.0))]),
+        row(
+            "WATER",
+            vec![reading(&view.water_level_m, |level_m| format!("{:.0} cm above the floor", level_m * 100.0))],
+        ),
         battery(view),
     ];
     target.render_widget(Paragraph::new(lines), area);
@@ -85,8 +89,17 @@ fn bar(view: &View, width: u16) -> Line<'static> {
     let mark = columns * 2 / 3;
     let filled = if limit_mps > 0.0 { (speed_mps / limit_mps).max(0.0) * mark as f64 } else { 0.0 };
     let filled = (filled.round() as usize).min(columns);
-    let text: String =
-        (0..columns).map(|column| if column == mark { '┃' } else if column < filled { '█' } else { '─' }).collect();
+    let text: String = (0..columns)
+        .map(|column| {
+            if column == mark {
+                '┃'
+            } else if column < filled {
+                '█'
+            } else {
+                '─'
+            }
+        })
+        .collect();
     row("", vec![Span::styled(text, if view.is_overspeed { BAD } else { GOOD })])
 }
 
@@ -104,9 +117,18 @@ fn photos(view: &View) -> Line<'static> {
     row("PHOTOS", values)
 }
 
+fn wall(view: &View) -> Line<'static> {
+    let Some(wall) = view.wall else { return row("WALL", vec![Span::styled("--", QUIET)]) };
+    let mut values = vec![Span::raw(format!("{:.1} m² seen", wall.seen_m2)).bold()];
+    if wall.marked_m2 > 0.0 {
+        values.push(Span::styled(format!("  {:.1} m² missing", wall.marked_m2), WARN.bold()));
+    }
+    row("WALL", values)
+}
+
 fn shaft(view: &View) -> Line<'static> {
     let shaft = reading(&view.shaft_rad, |shaft_rad| format!("{:>3.0}°", shaft_rad.to_degrees()));
-    let place = reading(&view.odometer_m, |x_m| format!("{x_m:.2} m along the tunnel"));
+    let place = reading(&view.odometer_m, |x_m| format!("place {x_m:.2} m"));
     row("SHAFT", vec![shaft, Span::raw("   "), place])
 }
 

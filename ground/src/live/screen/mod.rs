@@ -26,7 +26,7 @@ use super::view::{Level, LinkStatus, View};
 const WAIT: Duration = Duration::from_millis(150);
 /// Columns and rows that everything fits into.
 const LEAST: [u16; 2] = [80, 24];
-/// Rows of the strip with its heading, and of warnings.
+/// Rows of the strip with its heading on the smallest screen, and of warnings.
 const STRIP_ROWS: u16 = 6;
 const WARNING_ROWS: u16 = 3;
 
@@ -93,7 +93,8 @@ impl Screen {
     pub fn draw(&self, target: &mut ratatui::Frame<'_>, frame: &Frame) {
         let area = target.area();
         if area.width < LEAST[0] || area.height < LEAST[1] {
-            let words = format!("This terminal has {} x {}; {} x {} are needed.", area.width, area.height, LEAST[0], LEAST[1]);
+            let words =
+                format!("This terminal has {} x {}; {} x {} are needed.", area.width, area.height, LEAST[0], LEAST[1]);
             target.render_widget(Paragraph::new(words).style(WARN.bold()), area);
             return;
         }
@@ -101,14 +102,15 @@ impl Screen {
         let [head, body, strip, warnings, foot] = Layout::vertical([
             Constraint::Length(1),
             Constraint::Fill(1),
-            Constraint::Length(STRIP_ROWS),
+            Constraint::Length(STRIP_ROWS.max(area.height / 4)),
             Constraint::Length(WARNING_ROWS),
             Constraint::Length(1),
         ])
         .areas(area);
         // A cell is twice as high as it is wide.
         let [section, figures] =
-            Layout::horizontal([Constraint::Length((2 * body.height).min(area.width / 2)), Constraint::Fill(1)]).areas(body);
+            Layout::horizontal([Constraint::Length((2 * body.height + 4).min(area.width / 2)), Constraint::Fill(1)])
+                .areas(body);
         target.render_widget(Paragraph::new(head_line(view, head.width)), head);
         section::draw(target, section, view);
         figures::draw(target, figures, view);
@@ -199,10 +201,20 @@ fn help(target: &mut ratatui::Frame<'_>, area: Rect) {
         Line::from("Grey is old: not heard for a second and more."),
         Line::from("A range of ---- is invalid: the sensor cannot measure."),
         Line::from(""),
-        Line::from("WALL is the tunnel unrolled: 12 o'clock above and below, 6 in"),
-        Line::from("the middle, the vehicle at the mark."),
-        Line::from(vec![wall::key(super::Cell::Seen), " seen by enough photos  ".into(), wall::key(super::Cell::Begun), " not yet enough".into()]),
-        Line::from(vec![wall::key(super::Cell::Gap), " GAP: by none  ".into(), wall::key(super::Cell::Thin), " left with too few".into()]),
+        Line::from("Below is the wall unrolled: 12 o'clock above and below, 6 in"),
+        Line::from("the middle, the way of the flight to the right, vehicle at ▼."),
+        Line::from(vec![
+            wall::key(super::Cell::Seen),
+            " seen by enough photos  ".into(),
+            wall::key(super::Cell::Begun),
+            " not yet enough".into(),
+        ]),
+        Line::from(vec![
+            wall::key(super::Cell::Gap),
+            " GAP: by none  ".into(),
+            wall::key(super::Cell::Thin),
+            " left with too few".into(),
+        ]),
         Line::from(""),
         Line::from("q, Ctrl-C   quit          ?   close this"),
     ];

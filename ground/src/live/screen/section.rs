@@ -39,6 +39,8 @@ pub(super) fn draw(target: &mut ratatui::Frame<'_>, area: Rect, view: &View) {
 struct Window {
     y_m: [f64; 2],
     up_m: [f64; 2],
+    /// Columns of the terminal.
+    columns: f64,
 }
 
 impl Window {
@@ -58,7 +60,7 @@ impl Window {
             let (middle, half) = (f64::midpoint(low, high), per_column_m * size / 2.0);
             [middle - half, middle + half]
         };
-        Some(Self { y_m: around(left_m, right_m, columns), up_m: around(low_m, high_m, rows) })
+        Some(Self { y_m: around(left_m, right_m, columns), up_m: around(low_m, high_m, rows), columns })
     }
 }
 
@@ -107,7 +109,8 @@ fn paint(context: &mut Context<'_>, view: &View, window: &Window) {
 /// Each range where it was measured: at the edge that its beam looks at.
 fn readings(context: &mut Context<'_>, ranges: &[RangeView; 4], window: &Window) {
     let ([left_m, right_m], [low_m, high_m]) = (window.y_m, window.up_m);
-    let (column_m, middle) = ((right_m - left_m) / 30.0, [f64::midpoint(left_m, right_m), f64::midpoint(low_m, high_m)]);
+    let (column_m, middle) =
+        ((right_m - left_m) / window.columns, [f64::midpoint(left_m, right_m), f64::midpoint(low_m, high_m)]);
     let places = [
         (middle[0] - 2.0 * column_m, high_m),
         (right_m - 4.0 * column_m, middle[1]),

@@ -15,13 +15,15 @@ fn drawn(screen: &Screen, frame: &Frame, [width, height]: [u16; 2]) -> String {
 
 fn frame(flight: &Flight) -> Frame {
     let strip = Picture::of(flight.state.strip().unwrap(), &Picture::default());
-    Frame { view: flight.state.show(flight.now), strip: Arc::new(strip) }
+    let mut view = flight.state.show(flight.now);
+    view.wall = strip.wall();
+    Frame { view, strip: Arc::new(strip) }
 }
 
-/// Sixty photos of which one is missing, and a sensor that cannot measure.
+/// Eighty photos of which three are missing, and a sensor that cannot measure.
 fn flight() -> Flight {
     let mut flight = Flight::new();
-    (1..=60).for_each(|capture| flight.photo(capture, capture != 50));
+    (1..=80).for_each(|capture| flight.photo(capture, ![35, 36, 78].contains(&capture)));
     flight.telemetry.ranges_m[3] = None;
     flight.wait_s(75.0);
     flight.say(Severity::Info, "limit 0.09 m/s in force in AUTO");

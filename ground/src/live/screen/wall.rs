@@ -1,7 +1,7 @@
 //! The strip: the wall unrolled around the vehicle, crown above and below, looking the way of the flight to the right.
 
 use ratatui::layout::Rect;
-use ratatui::style::{Color, Style, Stylize};
+use ratatui::style::{Color, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
 
@@ -15,18 +15,14 @@ const ROWS_PER_COLUMN: i64 = 2;
 /// Columns for the clock's hours.
 const MARGIN: u16 = 4;
 
-/// A sign of the legend.
+/// A cell's sign, which tells the same as its colour.
 pub(super) fn key(cell: Cell) -> Span<'static> {
-    Span::styled("▄▄", Style::new().fg(colour(cell)))
-}
-
-fn colour(cell: Cell) -> Color {
     match cell {
-        Cell::Ahead => Color::Black,
-        Cell::Gap => Color::LightRed,
-        Cell::Thin => Color::Yellow,
-        Cell::Begun => Color::Blue,
-        Cell::Seen => Color::Green,
+        Cell::Ahead => Span::raw(" "),
+        Cell::Gap => Span::styled("!", Style::new().fg(Color::White).bg(Color::Red).bold()),
+        Cell::Thin => Span::styled("▒", Style::new().fg(Color::Yellow)),
+        Cell::Begun => Span::styled("░", Style::new().fg(Color::Blue)),
+        Cell::Seen => Span::styled("█", Style::new().fg(Color::Green)),
     }
 }
 
@@ -44,18 +40,12 @@ pub(super) fn draw(target: &mut ratatui::Frame<'_>, area: Rect, frame: &Frame) {
     let rows = i64::from(area.height) - 1;
     let mut lines = vec![scale(columns, first, vehicle, column_m)];
     for row in 0..rows {
-        let clock = match row * 4 {
-            0 => "12 ",
-            at if at / rows == 1 && (at - 4) / rows == 0 => " 3 ",
-            at if at / rows == 2 && (at - 4) / rows == 1 => " 6 ",
-            at if at / rows == 3 && (at - 4) / rows == 2 => " 9 ",
-            _ => "   ",
-        };
+        // The hour that the row holds, if it begins within.
+        let hours = [(0, "12 "), (3, " 3 "), (6, " 6 "), (9, " 9 ")];
+        let begins = |hour: i64| hour * rows >= row * 12 && hour * rows < (row + 1) * 12;
+        let clock = hours.into_iter().find(|(hour, _)| begins(*hour)).map_or("   ", |(_, words)| words);
         let mut spans = vec![Span::styled(clock, QUIET)];
-        spans.extend((first..first + columns).map(|column| {
-            let half = |half: i64| worst(strip, column, [row * 2 + half, rows * 2]);
-            Span::raw("▀").fg(colour(half(0))).bg(colour(half(1)))
-        }));
+        spans.extend((first..first + columns).map(|column| key(worst(strip, column, [row, rows]))));
         lines.push(Line::from(spans));
     }
     target.render_widget(Paragraph::new(lines), area);
@@ -80,9 +70,9 @@ fn scale(columns: i64, first: i64, vehicle: i64, column_m: f64) -> Line<'static>
     Line::from(Span::styled(text.into_iter().collect::<String>(), QUIET))
 }
 
-/// The worst of the cells behind a half cell of the terminal: `half` is `[which, of how many]` around the wall.
-fn worst(strip: &Picture, column: i64, [half, halves]: [i64; 2]) -> Cell {
-    let around = |half: i64| (half * strip.columns as i64 / halves) as usize;
+/// The worst of the cells behind a cell of the terminal: row `[which, of how many]` around the wall.
+fn worst(strip: &Picture, column: i64, [row, rows]: [i64; 2]) -> Cell {
+    let around = |row: i64| (row * strip.columns as i64 / rows) as usize;
     let rank = |cell: &Cell| match cell {
         Cell::Ahead => 0,
         Cell::Seen => 1,
@@ -90,11 +80,11 @@ fn worst(strip: &Picture, column: i64, [half, halves]: [i64; 2]) -> Cell {
         Cell::Thin => 3,
         Cell::Gap => 4,
     };
-    let rows = column * ROWS_PER_COLUMN..(column + 1) * ROWS_PER_COLUMN;
-    let cells = rows.flat_map(|row| {
-        let stretch = strip.stretches.get(&row.div_euclid(BLOCK_ROWS));
-        let start = row.rem_euclid(BLOCK_ROWS) as usize * strip.columns;
-        let cells = stretch.and_then(|stretch| stretch.cells.get(start + around(half)..start + around(half + 1)));
+    let along = column * ROWS_PER_COLUMN..(column + 1) * ROWS_PER_COLUMN;
+    let cells = along.flat_map(|at| {
+        let stretch = strip.stretches.get(&at.div_euclid(BLOCK_ROWS));
+        let start = at.rem_euclid(BLOCK_ROWS) as usize * strip.columns;
+        let cells = stretch.and_then(|stretch| stretch.cells.get(start + around(row)..start + around(row + 1)));
         cells.unwrap_or_default()
     });
     cells.copied().max_by_key(rank).unwrap_or(Cell::Ahead)

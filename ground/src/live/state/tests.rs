@@ -80,7 +80,8 @@ fn the_pilot_steers_against_the_offset() {
 #[test]
 fn figures_for_plain_displays_are_enough_for_place_speed_and_counts() {
     let mut flight = Flight::new();
-    let figures = [("off_y", 0.1), ("off_z", -0.2), ("limit", 0.3), ("speed", 0.25), ("captures", 12.0), ("missed", 1.0)];
+    let figures =
+        [("off_y", 0.1), ("off_z", -0.2), ("limit", 0.3), ("speed", 0.25), ("captures", 12.0), ("missed", 1.0)];
     figures.into_iter().for_each(|(name, value)| flight.figure(name, value));
     flight.figure("enforce", 3.0);
     flight.figure("water", f32::NAN);
@@ -93,12 +94,12 @@ fn figures_for_plain_displays_are_enough_for_place_speed_and_counts() {
 #[test]
 fn captures_are_counted_by_their_fate_and_a_missed_one_is_a_gap() {
     let mut flight = Flight::new();
-    (0..45).for_each(|capture| flight.photo(capture + 1, capture != 41));
+    (1..=80).for_each(|capture| flight.photo(capture, capture != 42));
     flight.tell();
     let view = flight.state.show(flight.now);
-    assert_eq!((view.captures.value, view.confirmed, view.missed.value), (Some(45), Some(44), Some(1)));
+    assert_eq!((view.captures.value, view.confirmed, view.missed.value), (Some(80), Some(79), Some(1)));
     assert_eq!(view.gaps.len(), 1);
-    assert!(texts(&flight).starts_with("GAP at "), "{}", texts(&flight));
+    assert!(texts(&flight).starts_with("GAP behind: "), "{}", texts(&flight));
 }
 
 #[test]
@@ -107,6 +108,7 @@ fn a_report_that_comes_before_its_tag_counts_too() {
     (1..45).filter(|capture| *capture != 42).for_each(|capture| flight.photo(capture, true));
     flight.report(42, false);
     flight.tagged(&tag(42));
+    (45..80).for_each(|capture| flight.photo(capture, true));
     assert_eq!(flight.state.show(flight.now).gaps.len(), 1);
 }
 
@@ -184,7 +186,11 @@ fn a_minute_of_a_flood_takes_no_more_memory_than_its_first_second() {
     let mut flight = Flight::new();
     let size = |flight: &Flight| {
         let state = &flight.state;
-        (serde_json::to_string(&state.show(flight.now)).unwrap().len() / 1000, state.notices.len(), state.notices.capacity())
+        (
+            serde_json::to_string(&state.show(flight.now)).unwrap().len() / 1000,
+            state.notices.len(),
+            state.notices.capacity(),
+        )
     };
     let mut after_a_second = None;
     for second in 0..60 {

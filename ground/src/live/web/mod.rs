@@ -67,7 +67,8 @@ impl Token {
 
     /// Whether this is it; takes the same time whichever letter is wrong.
     fn admits(&self, given: &str) -> bool {
-        let differing = self.0.bytes().zip(given.bytes()).fold(0, |differing, (ours, theirs)| differing | (ours ^ theirs));
+        let differing =
+            self.0.bytes().zip(given.bytes()).fold(0, |differing, (ours, theirs)| differing | (ours ^ theirs));
         self.0.len() == given.len() && differing == 0
     }
 }

@@ -25,7 +25,8 @@ async fn answer(token: Option<&str>, path: &str, headers: &[(&str, &str)]) -> (S
 #[tokio::test]
 async fn the_page_is_for_this_machine_without_and_for_others_with_its_token() {
     assert_eq!(answer(None, "/", &[HOST]).await.0, StatusCode::OK);
-    for path in ["/", "/live", "/?token=", "/?token=0123", "/?token=01234567x", "/live?token=x", "/live?other=01234567"] {
+    for path in ["/", "/live", "/?token=", "/?token=0123", "/?token=01234567x", "/live?token=x", "/live?other=01234567"]
+    {
         let (status, words) = answer(Some("01234567"), path, &[HOST]).await;
         assert_eq!(status, StatusCode::UNAUTHORIZED, "{path}");
         assert!(!words.contains("01234567") && words.contains("token"), "{words}");

@@ -52,6 +52,7 @@ function words<T>(reading: Reading<T>, text: (value: T) => string): [string, str
 function write(view: View): void {
   put("mode", view.mode.value === null ? "no board" : (view.mode.value.replace("SelfTest", "self-test")), view.mode.is_stale ? "old" : "");
   put("autopilot", ...words(view.autopilot, ({ name, is_armed }) => `${name} ${is_armed ? "armed" : "disarmed"}`));
+  element("battery", HTMLElement).hidden = view.battery.value === null;
   put("battery", ...words(view.battery, ({ voltage_v, remaining }) =>
     `${remaining === null ? "" : `${Math.round(remaining * 100)} % `}${voltage_v === null ? "" : `${voltage_v.toFixed(1)} V`}`));
   const { status, silent_s, rate_hz, lost } = view.link;
@@ -98,6 +99,7 @@ function writeFigures(view: View): void {
   put("photos", `${view.captures.value ?? "–"} taken, ${stored}${view.missed.value ? `, ${view.missed.value} MISSED` : ""}`,
     view.captures.is_stale ? "old" : view.missed.value ? "warn" : "");
   for (const [index, beam] of BEAMS.entries()) put(`range-${beam}`, `${ARROWS[index]} ${metres(view.ranges[index]!)}`, view.ranges[index]!.state);
+  put("seen", view.wall ? `${view.wall.seen_m2.toFixed(1)} m²${view.wall.marked_m2 > 0 ? `, ${view.wall.marked_m2.toFixed(1)} m² missing` : ""}` : "–", view.wall?.marked_m2 ? "warn" : "");
   put("shaft", ...words(view.shaft_rad, (shaft) => `${Math.round((shaft * 180) / Math.PI)}°`));
   put("place", ...words(view.odometer_m, (x) => `${x.toFixed(2)} m`));
   put("water", ...words(view.water_level_m, (level) => `${Math.round(level * 100)} cm`));

@@ -100,18 +100,18 @@ function drawVehicle(ink: CanvasRenderingContext2D, view: View, [cy, cz]: [numbe
   const old = view.offset_m.is_stale;
   const shaft = view.shaft_rad.value;
   if (shaft !== null && !view.shaft_rad.is_stale) line(centre, at([Math.sin(shaft), -Math.cos(shaft)], reach * 0.26), COLOURS.warn, 6);
+  line(at([-1, 0], reach * 0.09), at([1, 0], reach * 0.09), old ? COLOURS.quiet : COLOURS.text, 5);
+  ink.fillStyle = old ? COLOURS.quiet : COLOURS.text;
+  ink.beginPath();
+  ink.arc(...centre, 5, 0, 2 * Math.PI);
+  ink.fill();
   if (view.sigma_m && !old) {
     ink.strokeStyle = "#5fd0ff";
     ink.fillStyle = "#5fd0ff33";
-    ink.lineWidth = 2;
+    ink.lineWidth = 3;
     ink.beginPath();
     ink.ellipse(...centre, Math.max(1, SIGMAS * view.sigma_m[0] * scale), Math.max(1, SIGMAS * view.sigma_m[1] * scale), 0, 0, 2 * Math.PI);
     ink.fill();
     ink.stroke();
   }
-  line(at([-1, 0], reach * 0.09), at([1, 0], reach * 0.09), old ? COLOURS.quiet : COLOURS.text, 5);
-  ink.fillStyle = old ? COLOURS.quiet : COLOURS.text;
-  ink.beginPath();
-  ink.arc(...centre, 8, 0, 2 * Math.PI);
-  ink.fill();
 }

@@ -73,6 +73,8 @@ export class Strip {
     const x = (x_m: number) => MARGIN_PX + (x_m - from_m) * perM;
     const [top, tall] = [0, height - AXIS_PX];
     ink.imageSmoothingEnabled = false;
+    ink.fillStyle = `rgb(${CELLS[0]!.join()})`;
+    ink.fillRect(MARGIN_PX, 0, width, tall);
     const stretch_m = this.rows * this.cell_m;
     for (const [number, picture] of this.stretches) {
       const [left, right] = [x(number * stretch_m), x((number + 1) * stretch_m)];

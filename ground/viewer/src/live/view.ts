@@ -37,6 +37,7 @@ export interface View {
   missed: Reading<number>;
   water_level_m: Reading<number>;
   battery: Reading<{ voltage_v: number | null; remaining: number | null }>;
+  wall: { seen_m2: number; marked_m2: number } | null;
   gaps: Gap[];
   notices: { at_s: number; severity: number; from: string; text: string }[];
   warnings: { level: "note" | "warning" | "alarm"; text: string }[];
