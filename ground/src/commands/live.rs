@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::{IsTerminal, Write};
-use std::net::SocketAddr;
+use std::net::{SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -110,7 +110,7 @@ async fn attend(arguments: &Arguments, state: State, shows: &Shows) -> Result<An
     let token = if arguments.web.ip().is_loopback() { None } else { Some(Token::random().context("no token")?) };
     let page = Page::new(shown.clone(), token);
     let listener = listen(arguments.web).await?;
-    let address = page.address(listener.local_addr().context("cannot tell the page's address")?);
+    let address = page.address(reachable(listener.local_addr().context("cannot tell the page's address")?));
     let serving = tokio::spawn(page.serve(listener, std::future::pending()));
     let (stop, stopped) = oneshot::channel();
     let over = Arc::new(AtomicBool::new(false));
@@ -134,6 +134,19 @@ async fn attend(arguments: &Arguments, state: State, shows: &Shows) -> Result<An
     }
     serving.abort();
     done.map(|()| Answer::Yes)
+}
+
+/// An address that a tablet can open, where the server listens at all of this machine's.
+fn reachable(address: SocketAddr) -> SocketAddr {
+    if !address.ip().is_unspecified() {
+        return address;
+    }
+    // The way to anywhere leads over the network that others are on; nothing is sent to find it.
+    let own = UdpSocket::bind("0.0.0.0:0").and_then(|socket| {
+        socket.connect("192.0.2.1:9")?;
+        socket.local_addr()
+    });
+    own.map_or(address, |own| SocketAddr::new(own.ip(), address.port()))
 }
 
 fn config(arguments: &Arguments) -> Result<Config> {

@@ -200,7 +200,7 @@ pub async fn replay(
     let started = Instant::now();
     let mut ticks = interval(TICK);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
-    let mut next = record.next()?;
+    let mut next = record.read()?;
     tokio::pin!(stop);
     loop {
         tokio::select! {
@@ -212,7 +212,7 @@ pub async fn replay(
             && *at <= now
         {
             live.state.hear(*at, heard);
-            next = record.next()?;
+            next = record.read()?;
         }
         let Some(_) = next else {
             live.replay = Some(ReplayView { speed, is_over: true });

@@ -87,7 +87,7 @@ impl<R: Read> Replay<R> {
     ///
     /// # Errors
     /// [`ReplayError::Read`]
-    pub fn next(&mut self) -> Result<Option<(Duration, Heard)>, ReplayError> {
+    pub fn read(&mut self) -> Result<Option<(Duration, Heard)>, ReplayError> {
         self.entry().map_err(|source| ReplayError::Read { path: self.path.clone(), source })
     }
 
@@ -163,7 +163,7 @@ mod tests {
 
     fn times_ms(bytes: &[u8]) -> Vec<u128> {
         let mut replay = Replay::new(Path::new("x.tlog"), bytes);
-        std::iter::from_fn(|| replay.next().unwrap()).map(|(at, _)| at.as_millis()).collect()
+        std::iter::from_fn(|| replay.read().unwrap()).map(|(at, _)| at.as_millis()).collect()
     }
 
     #[test]

@@ -4,7 +4,8 @@
 //! Each photo is posed by its tag: odometer, place in the section, attitude, shaft angle, mounting. A cell of the wall counts
 //! as seen by it if the cell's centre falls into the image and nothing of the section hides it. A cell is *behind* if the
 //! vehicle has been so far beyond it that no photo from where it is now shows it. Cells that too few photos show are marked
-//! once they are behind, and those of a missed photo at once; what is marked and behind is a gap to fly back to.
+//! once they are behind, and those of a missed photo at once, until another shows them; what is marked and behind is a gap
+//! to fly back to.
 //! # Limits
 //! Centimetres of odometer and degrees of attitude are not known better here than the tag says: the strip tells where to
 //! look again, the reconstruction tells what was seen. Memory grows by 4 KB per metre of a 3 m pipe, up to [`MOST_BLOCKS`].
@@ -179,11 +180,8 @@ impl Strip {
             self.photos.pop_front();
         }
         self.photos.push_back(Photo { capture: tag.capture, tunnel_from_cam, is_missed: false });
-        self.change(&tunnel_from_cam, |cell| {
-            if *cell & COUNT < COUNT {
-                *cell += 1;
-            }
-        });
+        // What shows it now takes the place of what was missed.
+        self.change(&tunnel_from_cam, |cell| *cell = ((*cell & COUNT) + 1).min(COUNT));
         let x_m = tunnel_from_cam.translation.x;
         self.reach(x_m);
         self.seek_gaps();

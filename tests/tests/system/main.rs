@@ -3,6 +3,8 @@
 mod bad_input;
 mod flight;
 mod killed;
+#[cfg(unix)]
+mod live;
 mod programs;
 mod samples;
 mod sets;

@@ -94,11 +94,11 @@ fn figures_for_plain_displays_are_enough_for_place_speed_and_counts() {
 #[test]
 fn captures_are_counted_by_their_fate_and_a_missed_one_is_a_gap() {
     let mut flight = Flight::new();
-    (1..=80).for_each(|capture| flight.photo(capture, capture != 42));
+    (1..=80).for_each(|capture| flight.photo(capture, ![22, 32, 42].contains(&capture)));
     flight.tell();
     let view = flight.state.show(flight.now);
-    assert_eq!((view.captures.value, view.confirmed, view.missed.value), (Some(80), Some(79), Some(1)));
-    assert_eq!(view.gaps.len(), 1);
+    assert_eq!((view.captures.value, view.confirmed, view.missed.value), (Some(80), Some(77), Some(3)));
+    assert!(!view.gaps.is_empty());
     assert!(texts(&flight).starts_with("GAP behind: "), "{}", texts(&flight));
 }
 
@@ -108,8 +108,7 @@ fn a_report_that_comes_before_its_tag_counts_too() {
     (1..45).filter(|capture| *capture != 42).for_each(|capture| flight.photo(capture, true));
     flight.report(42, false);
     flight.tagged(&tag(42));
-    (45..80).for_each(|capture| flight.photo(capture, true));
-    assert_eq!(flight.state.show(flight.now).gaps.len(), 1);
+    assert!(!flight.state.strip.as_mut().unwrap().miss(42), "it is known already");
 }
 
 #[test]

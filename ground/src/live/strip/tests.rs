@@ -51,7 +51,7 @@ fn a_flight_at_twice_the_bound_leaves_gaps() {
     for capture in 0..60 {
         strip.add(&CaptureTag { odometer_m: Some(capture as f32 * 0.25), ..tag(capture) });
     }
-    assert!(strip.gaps().len() > 5 && marked(&strip) > 500, "{} gaps, {} cells", strip.gaps().len(), marked(&strip));
+    assert!(!strip.gaps().is_empty() && marked(&strip) > 500, "{} gaps, {} cells", strip.gaps().len(), marked(&strip));
 }
 
 /// Cells with fewer photos than needed that are marked.
@@ -73,15 +73,18 @@ fn a_missed_photo_is_marked_at_once_and_taking_it_again_unmarks_it() {
 }
 
 #[test]
-fn a_missed_photo_that_is_left_behind_is_a_gap_where_it_looked() {
+fn missed_photos_that_are_left_behind_are_a_gap_where_they_looked() {
     let mut strip = flown(0..45);
-    strip.miss(42);
+    // One photo in three turns would be made up for by its neighbours.
+    [22, 32, 42].into_iter().for_each(|capture| assert!(strip.miss(capture)));
     (45..80).for_each(|capture| assert!(strip.add(&tag(capture))));
     let gap = strip.gaps()[0];
-    // Photo 42 looked at 2 tenths of a turn: 2.4 o'clock, 3.36 m.
+    // They looked at 2 tenths of a turn, 2.4 o'clock, from 1.76 to 3.36 m.
     assert!(gap.clock_from < 2.4 && gap.clock_to > 2.4, "{gap:?}");
-    assert!(gap.x_from_m > 2.3 && gap.x_to_m < 4.4 && gap.area_m2 > 0.1, "{gap:?}");
-    assert!(strip.add(&CaptureTag { capture: 80, ..tag(42) }));
+    assert!(gap.x_from_m > 1.0 && gap.x_to_m < 4.1 && gap.area_m2 > 0.1, "{gap:?}");
+    [22, 32, 42]
+        .into_iter()
+        .for_each(|capture| assert!(strip.add(&CaptureTag { capture: 80 + capture, ..tag(capture) })));
     assert_eq!(strip.gaps(), [], "it was flown back to");
 }
 
@@ -109,12 +112,11 @@ fn a_photo_is_counted_once_and_one_without_a_place_not_at_all() {
 #[test]
 fn an_odometer_gone_wild_takes_no_more_memory_than_six_kilometres() {
     let mut strip = strip();
-    for capture in 0..4000_u32 {
-        let wild_m = f64::from(capture.wrapping_mul(2_654_435_761) % 190_000) - 95_000.0;
-        // Without the search for gaps, which is bounded by length and would make this a test of minutes.
-        let tag = CaptureTag { odometer_m: Some(wild_m as f32), ..tag(capture) };
-        let pose = strip.pose(&tag).unwrap();
-        strip.change(&pose, |cell| *cell |= 1);
+    for number in 1..MOST_BLOCKS as i64 {
+        strip.blocks.insert(-number, Block { revision: 0, cells: Vec::new() });
+    }
+    for capture in 0..4_u32 {
+        assert!(strip.add(&CaptureTag { odometer_m: Some(capture as f32 * 20_000.0), ..tag(capture) }));
     }
     assert_eq!(strip.blocks.len(), MOST_BLOCKS);
 }

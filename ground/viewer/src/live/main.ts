@@ -50,6 +50,8 @@ function words<T>(reading: Reading<T>, text: (value: T) => string): [string, str
 }
 
 function write(view: View): void {
+  // For tests: how far the board's clock was in what is shown.
+  document.body.dataset.board = String(view.board_s ?? "");
   put("mode", view.mode.value === null ? "no board" : (view.mode.value.replace("SelfTest", "self-test")), view.mode.is_stale ? "old" : "");
   put("autopilot", ...words(view.autopilot, ({ name, is_armed }) => `${name} ${is_armed ? "armed" : "disarmed"}`));
   element("battery", HTMLElement).hidden = view.battery.value === null;
