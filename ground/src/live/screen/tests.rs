@@ -3,7 +3,7 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
 use super::*;
-use crate::live::enactment::Flight;
+use crate::live::enactment::{Flight, MISSING};
 use crate::live::picture::Picture;
 use crate::live::view::{RecordView, ReplayView};
 
@@ -20,10 +20,10 @@ fn frame(flight: &Flight) -> Frame {
     Frame { view, strip: Arc::new(strip) }
 }
 
-/// Eighty photos of which four are missing, and a sensor that cannot measure.
+/// Eighty photos of which ten are missing, and a sensor that cannot measure.
 fn flight() -> Flight {
     let mut flight = Flight::new();
-    (1..=80).for_each(|capture| flight.photo(capture, ![35, 45, 55, 78].contains(&capture)));
+    (1..=80).for_each(|capture| flight.photo(capture, capture != 78 && !MISSING.contains(&capture)));
     flight.telemetry.ranges_m[3] = None;
     flight.wait_s(75.0);
     flight.say(Severity::Info, "limit 0.09 m/s in force in AUTO");
