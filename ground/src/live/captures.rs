@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     const SOON: Duration = Duration::from_secs(1);
-    const LATE: Duration = Duration::from_secs(60);
+    const LATE: Duration = Duration::from_mins(1);
 
     #[test]
     fn a_report_that_comes_twice_counts_once() {

@@ -122,7 +122,9 @@ impl Flight {
     pub(super) fn vehicle(&mut self) {
         let beat = VehicleBeat { autopilot: 3, base_mode: 0x81, custom_mode: 3 };
         let frames = [self.autopilot.vehicle_heartbeat(beat), self.autopilot.battery(15.2, 0.63)];
-        frames.iter().for_each(|frame| self.hear(frame));
+        for frame in &frames {
+            self.hear(frame);
+        }
     }
 
     /// A photo of a steady flight, and what became of it.

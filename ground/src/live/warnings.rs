@@ -71,9 +71,11 @@ fn link(view: &View, all: &mut Vec<Warning>) {
 
 fn flight(view: &View, circumstances: &Circumstances<'_>, all: &mut Vec<Warning>) {
     match view.mode.fresh() {
-        Some(Mode::Fault) => say(all, Level::Alarm, "BOARD FAULT: no photos are taken"),
+        Some(Mode::Fault) => {
+            say(all, Level::Alarm, "BOARD FAULT: no photos are taken");
+        }
         Some(Mode::Degraded) => {
-            say(all, Level::Warning, "board degraded: position, encoder, autopilot or log is missing")
+            say(all, Level::Warning, "board degraded: position, encoder, autopilot or log is missing");
         }
         _ => {}
     }
@@ -85,10 +87,10 @@ fn flight(view: &View, circumstances: &Circumstances<'_>, all: &mut Vec<Warning>
     }
     match view.enforcement.fresh() {
         Some(Enforcement::Ineffective) => {
-            say(all, Level::Warning, "the autopilot ignores the speed limit: slow down by hand")
+            say(all, Level::Warning, "the autopilot ignores the speed limit: slow down by hand");
         }
         Some(Enforcement::NotPossible) => {
-            say(all, Level::Warning, "no speed limit in this flight mode: keep below it by hand")
+            say(all, Level::Warning, "no speed limit in this flight mode: keep below it by hand");
         }
         _ => {}
     }

@@ -82,7 +82,9 @@ fn figures_for_plain_displays_are_enough_for_place_speed_and_counts() {
     let mut flight = Flight::new();
     let figures =
         [("off_y", 0.1), ("off_z", -0.2), ("limit", 0.3), ("speed", 0.25), ("captures", 12.0), ("missed", 1.0)];
-    figures.into_iter().for_each(|(name, value)| flight.figure(name, value));
+    for (name, value) in figures {
+        flight.figure(name, value);
+    }
     flight.figure("enforce", 3.0);
     flight.figure("water", f32::NAN);
     let view = flight.state.show(flight.now);

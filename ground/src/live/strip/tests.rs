@@ -75,13 +75,17 @@ fn a_missed_photo_is_marked_at_once_and_taking_it_again_unmarks_it() {
 #[test]
 fn missed_photos_that_are_left_behind_are_a_gap_where_they_looked() {
     let mut strip = flown(0..60);
-    MISSING.into_iter().for_each(|capture| assert!(strip.miss(capture)));
+    for capture in MISSING {
+        assert!(strip.miss(capture));
+    }
     (60..100).for_each(|capture| assert!(strip.add(&tag(capture))));
     let gap = strip.gaps()[0];
     // They looked at 2 tenths of a turn, 2.4 o'clock, from 2.48 to 4.24 m.
     assert!(gap.clock_from < 2.4 && gap.clock_to > 2.4, "{gap:?}");
     assert!(gap.x_from_m > 2.0 && gap.x_to_m < 4.8 && gap.area_m2 > 0.1, "{gap:?}");
-    MISSING.into_iter().for_each(|capture| assert!(strip.add(&CaptureTag { capture: 100 + capture, ..tag(capture) })));
+    for capture in MISSING {
+        assert!(strip.add(&CaptureTag { capture: 100 + capture, ..tag(capture) }));
+    }
     assert_eq!(strip.gaps(), [], "it was flown back to");
 }
 
