@@ -29,7 +29,7 @@ use crate::link::Heard;
 use crate::view::scene::section;
 
 /// A silence of the board for so long is a loss of the link: it speaks twenty times a second.
-const LINK_LASTS: Duration = Duration::from_millis(1500);
+const LINK_LASTS: Duration = Duration::from_millis(1300);
 /// The board tells a range five times a second, and that there is none twice a second.
 const RANGE_LASTS: Duration = Duration::from_millis(800);
 /// Figures come twice a second.

@@ -136,7 +136,7 @@ fn what_goes_wrong_on_a_flight_is_shown_in_time_and_the_record_shows_it_again() 
     shown.until("a scan with four ranges", 300, |view| {
         is_link(view, "up") && view["mode"]["value"] == "Scanning" && ranges(view, "valid")
     });
-    let unplugged = shown.until("the unplugged sensor", 300, |view| view["ranges"][0]["state"] != "valid");
+    let unplugged = shown.until("the unplugged sensor", 300, |view| view["ranges"][0]["state"] == "invalid");
     let after_s = board_s(&unplugged) - UNPLUGGED_S;
     assert!((0.0..=1.0 - PICTURE_S).contains(&after_s), "shown {after_s} s after it was unplugged");
     let before = shown.until("the sensor again", 300, |view| ranges(view, "valid"));

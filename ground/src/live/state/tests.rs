@@ -47,7 +47,7 @@ fn a_silent_board_is_a_lost_link_within_two_seconds_and_its_first_word_ends_that
     let mut flight = Flight::new();
     assert_eq!(flight.state.show(flight.now).link.status, LinkStatus::Waiting);
     flight.tell();
-    flight.wait_s(1.4);
+    flight.wait_s(1.2);
     assert_eq!(flight.state.show(flight.now).link.status, LinkStatus::Up);
     flight.wait_s(0.3);
     let view = flight.state.show(flight.now);
