@@ -98,9 +98,9 @@ fn a_faulty_sensors_last_reading_is_told_to_nobody_and_its_fault_at_once() {
             Incoming::Tunnel { kind, payload, .. } => Tunnelled::read(*kind, payload),
             _ => None,
         });
-        telemetry
-            .filter_map(|told| if let Tunnelled::Telemetry(board) = told { Some(board.ranges_m) } else { None })
-            .last()
+        let boards =
+            telemetry.filter_map(|told| if let Tunnelled::Telemetry(board) = told { Some(board) } else { None });
+        boards.map(|board| board.ranges_m).next_back()
     };
     let mut link = link();
     let mut outputs = outputs(Mode::Scanning, Some(0.3));
