@@ -179,7 +179,9 @@ fn surface_cells(bencher: Bencher<'_, '_>) {
 fn live_ten_thousand_messages(bencher: Bencher<'_, '_>) {
     let flood = live::flood();
     bencher.counter(ItemsCount::new(flood.len())).with_inputs(live::state).bench_local_values(|mut state| {
-        flood.iter().for_each(|(now, heard)| state.hear(*now, heard));
+        for (now, heard) in &flood {
+            state.hear(*now, heard);
+        }
         state.show(std::time::Duration::from_secs(1))
     });
 }
@@ -189,7 +191,9 @@ fn live_ten_thousand_messages(bencher: Bencher<'_, '_>) {
 fn live_strip_of_ten_metres(bencher: Bencher<'_, '_>) {
     let tags = live::tags();
     bencher.counter(ItemsCount::new(tags.len())).with_inputs(live::state).bench_local_values(|mut state| {
-        tags.iter().for_each(|heard| state.hear(std::time::Duration::ZERO, heard));
+        for heard in &tags {
+            state.hear(std::time::Duration::ZERO, heard);
+        }
         state
     });
 }

@@ -21,7 +21,7 @@ pub(super) fn key(cell: Cell) -> Span<'static> {
         Cell::Ahead => Span::raw(" "),
         Cell::Gap => Span::styled("!", Style::new().fg(Color::White).bg(Color::Red).bold()),
         Cell::Thin => Span::styled("▒", Style::new().fg(Color::Yellow)),
-        Cell::Begun => Span::styled("░", Style::new().fg(Color::Blue)),
+        Cell::Begun => Span::styled("░", Style::new().fg(Color::LightBlue)),
         Cell::Seen => Span::styled("█", Style::new().fg(Color::Green)),
     }
 }

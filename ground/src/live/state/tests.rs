@@ -49,7 +49,7 @@ fn a_silent_board_is_a_lost_link_within_two_seconds_and_its_first_word_ends_that
     flight.tell();
     flight.wait_s(1.2);
     assert_eq!(flight.state.show(flight.now).link.status, LinkStatus::Up);
-    flight.wait_s(0.3);
+    flight.wait_s(0.5);
     let view = flight.state.show(flight.now);
     assert_eq!(view.link.status, LinkStatus::Lost);
     assert!(view.offset_m.is_stale && view.speed_mps.is_stale && view.steer_m().is_none());
