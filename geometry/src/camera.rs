@@ -179,6 +179,21 @@ impl<T: Real> Camera<T> {
         }
     }
 
+    /// The same camera in another scalar.
+    pub fn cast<U: Real>(&self) -> Camera<U> {
+        let to = |value: T| U::of(value.to_f64());
+        Camera {
+            width_px: self.width_px,
+            height_px: self.height_px,
+            focal_px: self.focal_px.map(to),
+            centre_px: self.centre_px.map(to),
+            distortion: match self.distortion {
+                Distortion::BrownConrady(k) => Distortion::BrownConrady(k.map(to)),
+                Distortion::KannalaBrandt(k) => Distortion::KannalaBrandt(k.map(to)),
+            },
+        }
+    }
+
     /// Tells whether a pixel position lies within the image, at least `margin_px` from its border.
     pub fn contains(&self, pixel: &Vector2<T>, margin_px: T) -> bool {
         pixel.x >= margin_px

@@ -46,6 +46,18 @@ impl<T: Real> Rig<T> {
         let centre = outward * self.lever_radial_m + Vector3::x() * self.lever_forward_m;
         Isometry3::from_parts(Translation3::from(centre), nominal * mount)
     }
+
+    /// The same rig in another scalar.
+    pub fn cast<U: Real>(&self) -> Rig<U> {
+        let to = |value: T| U::of(value.to_f64());
+        Rig {
+            images_per_turn: self.images_per_turn,
+            image_up: self.image_up,
+            lever_radial_m: to(self.lever_radial_m),
+            lever_forward_m: to(self.lever_forward_m),
+            mount_rotvec_rad: self.mount_rotvec_rad.map(to),
+        }
+    }
 }
 
 /// Unit vector in the body frame that points to the wall at section angle `phi_rad`.

@@ -6,6 +6,7 @@ mod support;
 mod textured;
 
 mod adjustment;
+mod live;
 
 use adit_ground::adjust::{Covariances, adjust};
 use adit_ground::features::{OrbOptions, Orientation, SiftOptions, nearest, orb, sift};
@@ -171,4 +172,28 @@ fn surface_cells(bencher: Bencher<'_, '_>) {
     let build = || surface::build(&survey, &reconstruction, &options, out.path(), &|_, _| ()).expect("a surface");
     let [around, along] = build().cells;
     bencher.counter(ItemsCount::new(around * along)).bench(build);
+}
+
+/// What a second of a flood costs the live view: less than a second, or it lags.
+#[divan::bench]
+fn live_ten_thousand_messages(bencher: Bencher<'_, '_>) {
+    let flood = live::flood();
+    bencher.counter(ItemsCount::new(flood.len())).with_inputs(live::state).bench_local_values(|mut state| {
+        for (now, heard) in &flood {
+            state.hear(*now, heard);
+        }
+        state.show(std::time::Duration::from_secs(1))
+    });
+}
+
+/// Ten metres of a 3 m pipe in the live view's strip; divide by 125 for a photo, of which there is one a second.
+#[divan::bench]
+fn live_strip_of_ten_metres(bencher: Bencher<'_, '_>) {
+    let tags = live::tags();
+    bencher.counter(ItemsCount::new(tags.len())).with_inputs(live::state).bench_local_values(|mut state| {
+        for heard in &tags {
+            state.hear(std::time::Duration::ZERO, heard);
+        }
+        state
+    });
 }

@@ -1,4 +1,4 @@
-//! The ground's side. Before and during a flight: the plan, the link to the board. After it: photos and tags become camera
+//! The ground's side. Before and during a flight: the plan, the link to the board, the live view. After it: photos and tags become camera
 //! poses, a panorama, a textured model and a report.
 //!
 //! Stages after the flight, each with its own module, its own typed output on disk and its own part of the report:
@@ -18,6 +18,7 @@ mod files;
 pub mod findings;
 pub mod ingest;
 pub mod link;
+pub mod live;
 pub mod matching;
 pub mod model;
 pub mod pipeline;

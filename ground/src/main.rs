@@ -30,7 +30,9 @@ fn main() -> ExitCode {
 }
 
 fn run(cli: Cli) -> Result<Answer> {
-    start_talk(cli.common.verbose);
+    if !cli.owns_terminal() {
+        start_talk(cli.common.verbose);
+    }
     if let Some(threads) = cli.common.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(usize::from(threads.get()))

@@ -1,4 +1,4 @@
-//! The viewer's page: built from `ground/viewer/`, and tested in a browser.
+//! The pages of viewer and live view: built from `ground/viewer/`, and tested in a browser.
 
 use anyhow::{Context, Result, ensure};
 
@@ -7,7 +7,7 @@ use crate::shell::{output, run, top};
 /// Sources, packages and the built page.
 const FOLDER: &str = "ground/viewer";
 /// What the build makes.
-const BUILT: [&str; 3] = ["index.html", "viewer.css", "viewer.js"];
+const BUILT: [&str; 6] = ["index.html", "viewer.css", "viewer.js", "live.html", "live.css", "live.js"];
 /// Programs that drive a page as the tests need it.
 const BROWSERS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 
@@ -35,7 +35,9 @@ pub(crate) fn test() -> Result<()> {
         eprintln!("xtask: no Chromium here and none can be installed: the viewer is not tested in a browser");
         return Ok(());
     }
-    run("cargo", &["build", "--locked", "--package", "adit-ground", "--bin", "adit"])?;
+    for (package, program) in [("adit-ground", "adit"), ("adit-hil-sim", "adit-sim")] {
+        run("cargo", &["build", "--locked", "--package", package, "--bin", program])?;
+    }
     npm(&["test"])
 }
 

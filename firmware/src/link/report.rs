@@ -10,7 +10,7 @@
 //! | `water` | m above the floor |
 //! | `step_us`, `stack_b` | longest step of the controller, depth of the stack |
 
-use adit_protocol::beams::Beam;
+use adit_protocol::beams::{Beam, Beams};
 use adit_protocol::mavlink::{OutFrame, RangeReport, Sender, Severity, TEXT_BYTES};
 use adit_protocol::record::Mode;
 use adit_protocol::telemetry::{Enforcement, TELEMETRY_KIND, Telemetry, tunnelled};
@@ -47,6 +47,7 @@ pub(super) struct Report {
     telemetry: Telemetry,
     figures: [Option<f32>; FIGURES.len()],
     limits_m: [f32; 2],
+    range_faults: Beams<bool>,
     notices: heapless::Deque<(Severity, Text), 6>,
     range_us: Option<u64>,
     range: usize,
@@ -103,6 +104,16 @@ impl Report {
         diagnosis: Diagnosis,
     ) {
         let display = &outputs.display;
+        if display.range_faults != self.range_faults {
+            self.range_faults = display.range_faults;
+            // A sensor that fails is told at once, not in half a second.
+            self.telemetry_us = None;
+        }
+        // A silent or frozen sensor's last reading is none.
+        let mut ranges_m = ranges_m;
+        for (range_m, beam) in ranges_m.iter_mut().zip(Beam::ALL) {
+            *range_m = range_m.filter(|_| !display.range_faults.get(beam));
+        }
         self.telemetry = Telemetry {
             time_us: now_us,
             mode: outputs.mode,

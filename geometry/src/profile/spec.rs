@@ -126,6 +126,34 @@ impl<T: Real> ProfileSpec<T> {
         }
     }
 
+    /// The same shape in another scalar.
+    pub fn cast<U: Real>(&self) -> ProfileSpec<U> {
+        let to = |length_m: &T| U::of(length_m.to_f64());
+        match self {
+            Self::Circle { radius_m } => ProfileSpec::Circle { radius_m: to(radius_m) },
+            Self::Rectangle { width_m, height_m, axis_height_m } => ProfileSpec::Rectangle {
+                width_m: to(width_m),
+                height_m: to(height_m),
+                axis_height_m: to(axis_height_m),
+            },
+            Self::Underpass { width_m, wall_m, rise_m, axis_height_m } => ProfileSpec::Underpass {
+                width_m: to(width_m),
+                wall_m: to(wall_m),
+                rise_m: to(rise_m),
+                axis_height_m: to(axis_height_m),
+            },
+            Self::Horseshoe { width_m, wall_m, axis_height_m } => {
+                ProfileSpec::Horseshoe { width_m: to(width_m), wall_m: to(wall_m), axis_height_m: to(axis_height_m) }
+            }
+            Self::Chain { vertices } => ProfileSpec::Chain {
+                vertices: vertices
+                    .iter()
+                    .map(|vertex| ChainVertex { y_m: to(&vertex.y_m), z_m: to(&vertex.z_m), bulge: to(&vertex.bulge) })
+                    .collect(),
+            },
+        }
+    }
+
     /// Builds the profile.
     ///
     /// # Errors

@@ -9,6 +9,7 @@ mod compare;
 mod evaluate;
 mod export;
 mod ingest;
+mod live;
 mod match_photos;
 mod plan;
 mod preflight;
@@ -33,7 +34,7 @@ pub(crate) enum Answer {
 
 /// Adit: from a flight through a tunnel to the place of every pixel.
 ///
-/// A survey's way: `adit plan` and `adit preflight` before the flight, `adit ingest` and `adit reconstruct` after it, `adit evaluate` where
+/// A survey's way: `adit plan` and `adit preflight` before the flight, `adit live` during it, `adit ingest` and `adit reconstruct` after it, `adit evaluate` where
 /// there is a truth to compare with, `adit export` for other programs. `adit board` talks to the board: its parameters, its logs, its key.
 #[derive(Debug, Parser)]
 #[command(name = "adit", version, after_help = AFTER_HELP, max_term_width = 100)]
@@ -72,6 +73,7 @@ enum Command {
     Evaluate(evaluate::Arguments),
     Match(match_photos::Arguments),
     Board(board::Arguments),
+    Live(live::Arguments),
     Adjust(adjust::Arguments),
     Ablation(ablation::Arguments),
     View(view::Arguments),
@@ -80,6 +82,11 @@ enum Command {
 }
 
 impl Cli {
+    /// Whether the command draws on the whole terminal, so that talk on standard error would spoil it.
+    pub(crate) fn owns_terminal(&self) -> bool {
+        matches!(self.command, Command::Live(_)) && live::Arguments::owns_terminal(&self.common)
+    }
+
     pub(crate) fn run(self) -> Result<Answer> {
         match self.command {
             Command::Plan(arguments) => plan::run(&arguments, &self.common),
@@ -91,6 +98,7 @@ impl Cli {
             Command::Evaluate(arguments) => evaluate::run(&arguments, &self.common),
             Command::Match(arguments) => match_photos::run(&arguments, &self.common),
             Command::Board(arguments) => board::run(&arguments, &self.common),
+            Command::Live(arguments) => live::run(&arguments, &self.common),
             Command::Adjust(arguments) => adjust::run(&arguments, &self.common),
             Command::Ablation(arguments) => ablation::run(&arguments, &self.common),
             Command::View(arguments) => view::run(&arguments, &self.common),

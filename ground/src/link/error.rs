@@ -5,11 +5,13 @@ use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use adit_protocol::connection::Connection;
 use adit_protocol::mavlink::Value;
 
 use super::key::KeyError;
 use super::log_fetch::LogEndedEarly;
 use super::parameters::Shown;
+use super::transport::serial_ports;
 
 /// What was asked of the board.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,14 +52,36 @@ impl fmt::Display for Question {
     }
 }
 
+/// Why a serial line cannot be opened, and what to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SerialTrouble {
+    /// There is no such port.
+    #[error("there is no such port; is the cable plugged in at both ends?")]
+    Missing,
+    /// Another program has it.
+    #[error("another program uses it; end that program first (QGroundControl, Mission Planner, ModemManager)")]
+    Busy,
+    /// It belongs to others.
+    #[error(
+        "you may not use it; join the group that owns it, on most systems by `sudo usermod -aG dialout $USER`, and log \
+         in again"
+    )]
+    Forbidden,
+    /// It is no serial port, or does not know the rate.
+    #[error("it is no serial port, or does not know this rate")]
+    Other,
+}
+
 /// Why the link does not do what was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// A serial line cannot be opened.
-    #[error("{path}: cannot be opened; {}", ports(known))]
+    #[error("{path}: cannot be opened: {trouble}; {}", ports(known))]
     Serial {
         /// The device.
         path: String,
+        /// Why, and what to do.
+        trouble: SerialTrouble,
         /// The ports that there are.
         known: Vec<String>,
         /// What the system said.
@@ -70,6 +94,14 @@ pub enum LinkError {
         connection: String,
         /// What the system said.
         source: io::Error,
+    },
+    /// Bytes come in, and none of them is a frame.
+    #[error("{connection}: {bytes} bytes came in and no MAVLink among them; {}", noise(connection))]
+    Noise {
+        /// The connection.
+        connection: Connection,
+        /// How many bytes.
+        bytes: u32,
     },
     /// The key's file cannot be used.
     #[error(transparent)]
@@ -142,6 +174,18 @@ fn ports(known: &[String]) -> String {
         return "this machine has no serial ports".to_owned();
     }
     format!("the serial ports here are {}", known.join(", "))
+}
+
+/// What to do about bytes that are no frames.
+fn noise(connection: &Connection) -> String {
+    match connection {
+        Connection::Serial { baud, .. } => format!(
+            "{baud} baud is not the other end's rate, or it speaks something else: try 57600 (radios), 115200 (USB), 921600 \
+             (the board's TELEM2), or another port; {}",
+            ports(&serial_ports())
+        ),
+        _ => "what is at the other end speaks something else; is this the right port?".to_owned(),
+    }
 }
 
 fn heard(others: &[String]) -> String {

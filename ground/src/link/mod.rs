@@ -29,7 +29,7 @@ mod version;
 
 pub use clock::ClockReading;
 pub use commands::CommandOutcome;
-pub use error::{LinkError, Question};
+pub use error::{LinkError, Question, SerialTrouble};
 pub use key::{KeyError, KeyFile};
 pub use log_fetch::{LOG_WINDOW_BYTES, LogEndedEarly, LogFetch};
 pub use logs::{LogEntry, LogProgress, log_name};

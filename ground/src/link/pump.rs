@@ -165,6 +165,9 @@ impl Pump {
 
     fn beat(&mut self) {
         self.send(Box::new(Sender::ground_heartbeat));
+        // Without a single frame nobody else tells.
+        let counters = self.decoder.counters();
+        self.state.send_if_modified(|state| std::mem::replace(&mut state.counters, counters) != counters);
         self.beats = self.beats.wrapping_add(1);
         if self.beats.is_multiple_of(KEEP_BEATS)
             && let Err(error) = self.keep(true)

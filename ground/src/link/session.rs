@@ -29,6 +29,8 @@ const GROUND_COMPONENT: u8 = 190;
 pub(super) const GROUND: Target = [GROUND_SYSTEM, GROUND_COMPONENT];
 /// Frames that a listener may be behind before it loses some.
 const BACKLOG: usize = 2048;
+/// So many bytes without a frame are noise: more than a start in the middle of a frame, or a boot loader's words.
+const NOISE_BYTES: u32 = 600;
 /// Requests that wait for the task.
 const REQUESTS: usize = 64;
 /// The mildest notice that explains why something was not done, `MAV_SEVERITY_WARNING`.
@@ -140,6 +142,7 @@ pub struct Session {
     heard: broadcast::Receiver<Arc<Heard>>,
     state: watch::Receiver<LinkState>,
     task: JoinHandle<Result<Summary, LinkError>>,
+    connection: Connection,
     system: Option<u8>,
     patience: Patience,
 }
@@ -198,8 +201,8 @@ impl Session {
         let sender = Sender::new(GROUND_SYSTEM, GROUND_COMPONENT);
         let pump = Pump::new(line, sender, config.key, recorder, Outlets { heard, state });
         let task = tokio::spawn(pump.run(inbox));
-        let (system, patience) = (config.system, config.patience);
-        Ok(Self { requests, heard: listener, state: watcher, task, system, patience })
+        let (connection, system, patience) = (connection.clone(), config.system, config.patience);
+        Ok(Self { requests, heard: listener, state: watcher, task, connection, system, patience })
     }
 
     /// Everything that is heard from now on. Who falls far behind is told how much was lost.
@@ -215,6 +218,13 @@ impl Session {
     /// Whose heartbeats were heard so far.
     pub fn heard(&self) -> Vec<Peer> {
         self.state.borrow().peers.clone()
+    }
+
+    /// Whether what comes in is noise: [`LinkError::Noise`].
+    pub fn noise(&self) -> Option<LinkError> {
+        let Counters { good, dropped_bytes, .. } = self.state.borrow().counters;
+        (good == 0 && dropped_bytes >= NOISE_BYTES)
+            .then(|| LinkError::Noise { connection: self.connection.clone(), bytes: dropped_bytes })
     }
 
     /// How long answers are waited for.
@@ -237,7 +247,7 @@ impl Session {
     /// Waits for a heartbeat of the board, of the system asked for if there is one.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`] with who was heard instead.
+    /// [`LinkError::NoBoard`] with who was heard instead; [`LinkError::Noise`].
     pub(super) async fn wait_for_board(&self) -> Result<Peer, LinkError> {
         let mut state = self.state.clone();
         let is_board = |peer: &&Peer| {
@@ -255,6 +265,9 @@ impl Session {
                 Ok(Ok(())) => {}
                 Ok(Err(_)) => return Err(LinkError::Ended),
                 Err(_) => {
+                    if let Some(noise) = self.noise() {
+                        return Err(noise);
+                    }
                     let others = self.heard().iter().map(ToString::to_string).collect();
                     return Err(LinkError::NoBoard { within: self.patience.silence, others });
                 }

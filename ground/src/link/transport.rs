@@ -15,7 +15,7 @@ use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep, timeout_at};
 use tokio_serial::{SerialPortBuilderExt, SerialPortType};
 
-use super::error::LinkError;
+use super::error::{LinkError, SerialTrouble};
 
 /// Time between two attempts to connect.
 const RETRY: Duration = Duration::from_millis(500);
@@ -124,11 +124,25 @@ pub fn serial_ports() -> Vec<String> {
 }
 
 fn open_serial(path: &str, baud: u32) -> Result<tokio_serial::SerialStream, LinkError> {
-    tokio_serial::new(path, baud).open_native_async().map_err(|error| LinkError::Serial {
-        path: path.to_owned(),
-        known: serial_ports(),
-        source: error.into(),
+    tokio_serial::new(path, baud).open_native_async().map_err(|error| {
+        let source = io::Error::from(error);
+        LinkError::Serial {
+            path: path.to_owned(),
+            trouble: trouble(source.kind(), std::path::Path::new(path).exists()),
+            known: serial_ports(),
+            source,
+        }
     })
+}
+
+/// The crate says of a port in use that there is none.
+fn trouble(kind: io::ErrorKind, is_there: bool) -> SerialTrouble {
+    match kind {
+        io::ErrorKind::NotFound if is_there => SerialTrouble::Busy,
+        io::ErrorKind::NotFound => SerialTrouble::Missing,
+        io::ErrorKind::PermissionDenied => SerialTrouble::Forbidden,
+        _ => SerialTrouble::Other,
+    }
 }
 
 async fn resolve(address: &str) -> io::Result<SocketAddr> {
@@ -322,6 +336,21 @@ async fn dropping<T>(frames: &mut mpsc::Receiver<Vec<u8>>, wanted: impl Future<O
         tokio::select! {
             done = &mut wanted => return Some(done),
             frame = frames.recv() => { frame?; }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_trouble_of_a_port_has_its_own_words() {
+        use io::ErrorKind::{InvalidInput, NotFound, PermissionDenied};
+        let words = [(NotFound, false), (NotFound, true), (PermissionDenied, true), (InvalidInput, true)]
+            .map(|(kind, is_there)| trouble(kind, is_there).to_string());
+        for (words, expected) in words.iter().zip(["no such port", "another program", "dialout", "no serial port"]) {
+            assert!(words.contains(expected), "{words}");
         }
     }
 }

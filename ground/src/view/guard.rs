@@ -24,7 +24,7 @@ pub(super) enum Foreign {
 }
 
 /// Refuses foreign requests, and tells the browser what the page may do.
-pub(super) async fn guard(request: Request, next: Next) -> Response {
+pub(crate) async fn guard(request: Request, next: Next) -> Response {
     let is_page = request.uri().path() == "/";
     let mut response = match judge(request.headers(), is_page) {
         Ok(()) => next.run(request).await,

@@ -15,8 +15,8 @@ mod api;
 mod error;
 mod files;
 mod footprints;
-mod guard;
-mod scene;
+pub(crate) mod guard;
+pub(crate) mod scene;
 
 use std::future::Future;
 use std::net::SocketAddr;

@@ -39,12 +39,12 @@ pub(super) struct Scene {
 }
 
 /// Once around the wall from the crown, clockwise looking forward; the last vertex closes it.
-#[derive(Serialize)]
+#[derive(Clone, Debug, Serialize)]
 #[expect(clippy::struct_field_names, reason = "the unit belongs into every name")]
-struct Section {
-    s_m: Vec<f64>,
-    y_m: Vec<f64>,
-    z_m: Vec<f64>,
+pub(crate) struct Section {
+    pub(crate) s_m: Vec<f64>,
+    pub(crate) y_m: Vec<f64>,
+    pub(crate) z_m: Vec<f64>,
 }
 
 /// A picture over the whole perimeter, and over this stretch of the axis.
@@ -125,7 +125,8 @@ pub(super) fn chain(error: &dyn std::error::Error) -> String {
     text
 }
 
-fn section(profile: &Profile<f64>) -> Section {
+/// The section as a polyline.
+pub(crate) fn section(profile: &Profile<f64>) -> Section {
     let mut section = Section { s_m: Vec::new(), y_m: Vec::new(), z_m: Vec::new() };
     let longest_m = profile.perimeter_m() * LONGEST_SHARE;
     for piece in profile.pieces() {

@@ -22,7 +22,9 @@ pub mod wire;
 
 use std::collections::BTreeMap;
 
-use adit_protocol::mavlink::{AUTOPILOT_COMPONENT, Encoding, FrameDecoder, Sender, Severity, TEXT_BYTES, VehicleBeat};
+use adit_protocol::mavlink::{
+    AUTOPILOT_COMPONENT, Encoding, FrameDecoder, OutFrame, Sender, Severity, TEXT_BYTES, VehicleBeat,
+};
 
 use ardupilot::{ArduPilot, Edition};
 use px4::Px4;
@@ -42,6 +44,9 @@ pub const BOOT_S: f64 = 3.0;
 const CUSTOM: u8 = 1;
 /// `MAV_MODE_FLAG_SAFETY_ARMED`.
 const ARMED: u8 = 128;
+/// Four lithium cells in series, full and as they should be landed with.
+const FULL_V: f64 = 16.8;
+const EMPTY_V: f64 = 14.0;
 
 /// Which autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -266,6 +271,12 @@ impl NamedAutopilot {
         if self.streams.head_up.is_due(now_s) {
             said.extend(sender.head_up(seen.speed_mps.abs() as f32));
         }
+    }
+
+    /// What it says of its battery, to ground stations only.
+    pub fn tell_battery(&mut self, remaining: f64) -> OutFrame {
+        let voltage_v = EMPTY_V + (FULL_V - EMPTY_V) * remaining;
+        self.sender.battery(voltage_v as f32, remaining as f32)
     }
 
     /// Tells whoever reads it.

@@ -26,6 +26,9 @@ use crate::peer::Peer;
 const DELAY_S: f64 = 0.01;
 /// Where the tunnel goes, from north: neither along an axis nor near a turn's end.
 const AXIS_YAW_RAD: f64 = 0.7;
+/// Flying time of a battery, and how often a ground station is told what is left.
+const BATTERY_S: f64 = 900.0;
+const BATTERY_PERIOD_S: f64 = 1.0;
 /// The pilot's ground station: its system and `MAV_COMP_ID_MISSIONPLANNER`.
 const GROUND: [u8; 2] = [255, 190];
 /// A number that no other board has.
@@ -47,6 +50,7 @@ pub struct Linked {
     before: BTreeMap<&'static str, f64>,
     claimed_s: [f64; 4],
     last_s: f64,
+    battery_due_s: f64,
 }
 
 /// How the limit fared.
@@ -105,6 +109,7 @@ impl Linked {
             started: None,
             claimed_s: [0.0; 4],
             last_s: 0.0,
+            battery_due_s: 0.0,
         })
     }
 
@@ -144,6 +149,11 @@ impl Linked {
         let heard = self.wire.at_autopilot(now_s);
         self.autopilot.hear(now_s, &heard);
         if let Some(watcher) = &mut self.watcher {
+            let mut said = said;
+            if now_s >= self.battery_due_s {
+                self.battery_due_s += BATTERY_PERIOD_S;
+                said.extend(self.autopilot.tell_battery((1.0 - now_s / BATTERY_S).max(0.0)));
+            }
             watcher.tell(&said, &heard).map_err(BoardError::Peer)?;
             let asked = watcher.ask().map_err(BoardError::Peer)?;
             self.autopilot.hear(now_s, &asked.for_autopilot);

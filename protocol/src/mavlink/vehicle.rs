@@ -1,7 +1,9 @@
 //! What an autopilot says, for simulated ones.
 
 use mavlink::MessageData;
-use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, VFR_HUD_DATA};
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, SYS_STATUS_DATA, VFR_HUD_DATA,
+};
 
 use super::board::MAVLINK_VERSION;
 use super::{OutFrame, Sender};
@@ -45,5 +47,14 @@ impl Sender {
     /// The head-up display's speed over ground.
     pub fn head_up(&mut self, ground_speed_mps: f32) -> OutFrame {
         self.frame(&VFR_HUD_DATA { groundspeed: ground_speed_mps, ..VFR_HUD_DATA::DEFAULT })
+    }
+
+    /// What is left in the battery: volts, and a share of its charge.
+    pub fn battery(&mut self, voltage_v: f32, remaining: f32) -> OutFrame {
+        self.frame(&SYS_STATUS_DATA {
+            voltage_battery: (voltage_v * 1000.0 + 0.5) as u16,
+            battery_remaining: (remaining * 100.0 + 0.5) as i8,
+            ..SYS_STATUS_DATA::DEFAULT
+        })
     }
 }

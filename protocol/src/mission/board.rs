@@ -1,9 +1,4 @@
-//! The table `[board]` with `[board.shaft]`, `[board.shutter]`, `[board.ranges]`, `[board.link]` and `[board.log]`, all optional, and
-//! the way from a survey's `f64` to the board's `f32`.
-
-use adit_geometry::camera::{Camera, Distortion};
-use adit_geometry::profile::{ChainVertex, ProfileSpec};
-use adit_geometry::rig::Rig;
+//! The table `[board]` with `[board.shaft]`, `[board.shutter]`, `[board.ranges]`, `[board.link]` and `[board.log]`, all optional.
 
 use super::quantity::{Quantity, Unit};
 use super::reader::Section;
@@ -197,58 +192,4 @@ fn byte(section: &mut Section<'_>, key: &'static str, low: u32, default: u8) -> 
 
 fn radians(degrees: f64) -> f32 {
     degrees.to_radians() as f32
-}
-
-/// The profile for the board.
-pub(super) fn profile(spec: &ProfileSpec<f64>) -> ProfileSpec<f32> {
-    match spec {
-        ProfileSpec::Circle { radius_m } => ProfileSpec::Circle { radius_m: *radius_m as f32 },
-        ProfileSpec::Rectangle { width_m, height_m, axis_height_m } => ProfileSpec::Rectangle {
-            width_m: *width_m as f32,
-            height_m: *height_m as f32,
-            axis_height_m: *axis_height_m as f32,
-        },
-        ProfileSpec::Underpass { width_m, wall_m, rise_m, axis_height_m } => ProfileSpec::Underpass {
-            width_m: *width_m as f32,
-            wall_m: *wall_m as f32,
-            rise_m: *rise_m as f32,
-            axis_height_m: *axis_height_m as f32,
-        },
-        ProfileSpec::Horseshoe { width_m, wall_m, axis_height_m } => ProfileSpec::Horseshoe {
-            width_m: *width_m as f32,
-            wall_m: *wall_m as f32,
-            axis_height_m: *axis_height_m as f32,
-        },
-        ProfileSpec::Chain { vertices } => ProfileSpec::Chain {
-            vertices: vertices
-                .iter()
-                .map(|v| ChainVertex { y_m: v.y_m as f32, z_m: v.z_m as f32, bulge: v.bulge as f32 })
-                .collect(),
-        },
-    }
-}
-
-/// The camera for the board.
-pub(super) fn camera(camera: &Camera<f64>) -> Camera<f32> {
-    Camera {
-        width_px: camera.width_px,
-        height_px: camera.height_px,
-        focal_px: camera.focal_px.map(|value| value as f32),
-        centre_px: camera.centre_px.map(|value| value as f32),
-        distortion: match camera.distortion {
-            Distortion::BrownConrady(k) => Distortion::BrownConrady(k.map(|value| value as f32)),
-            Distortion::KannalaBrandt(k) => Distortion::KannalaBrandt(k.map(|value| value as f32)),
-        },
-    }
-}
-
-/// The rig for the board.
-pub(super) fn rig(rig: &Rig<f64>) -> Rig<f32> {
-    Rig {
-        images_per_turn: rig.images_per_turn,
-        image_up: rig.image_up,
-        lever_radial_m: rig.lever_radial_m as f32,
-        lever_forward_m: rig.lever_forward_m as f32,
-        mount_rotvec_rad: rig.mount_rotvec_rad.map(|value| value as f32),
-    }
 }

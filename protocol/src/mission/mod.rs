@@ -182,9 +182,9 @@ impl Mission {
     /// What the board must know to fly this mission.
     pub fn parameters(&self) -> Parameters {
         Parameters {
-            profile: board::profile(&self.survey.profile),
-            camera: board::camera(&self.survey.camera.camera),
-            rig: board::rig(&self.survey.rig),
+            profile: self.survey.profile.cast(),
+            camera: self.survey.camera.camera.cast(),
+            rig: self.survey.rig.cast(),
             speed: self.flight.speed_parameters(),
             shaft: self.board.shaft,
             shutter: self.board.shutter,

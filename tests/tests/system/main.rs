@@ -7,6 +7,8 @@ mod calibration;
 mod flight;
 mod killed;
 mod preflight;
+#[cfg(unix)]
+mod live;
 mod programs;
 mod samples;
 mod sets;

@@ -7,6 +7,7 @@ mod security;
 mod vehicle;
 
 use adit_protocol::mavlink::{AUTOPILOT_COMPONENT, Incoming, OutFrame, RawFrame, Sender, Target, Value, VehicleBeat};
+use adit_protocol::telemetry::Tunnelled;
 
 use super::*;
 
@@ -88,6 +89,31 @@ fn a_stalled_controller_falls_silent() {
     let later: Vec<RawFrame> = (0..400_u64).flat_map(|tick| frames(&mut link, 1_100_000 + tick * 5_000)).collect();
     assert!(later.iter().all(|frame| frame.message == 253), "only words that were waiting");
     assert!(later.len() < 3, "{} frames", later.len());
+}
+
+#[test]
+fn a_faulty_sensors_last_reading_is_told_to_nobody_and_its_fault_at_once() {
+    let ranges = |said: &[Incoming]| {
+        let telemetry = said.iter().filter_map(|incoming| match incoming {
+            Incoming::Tunnel { kind, payload, .. } => Tunnelled::read(*kind, payload),
+            _ => None,
+        });
+        let boards =
+            telemetry.filter_map(|told| if let Tunnelled::Telemetry(board) = told { Some(board) } else { None });
+        boards.map(|board| board.ranges_m).next_back()
+    };
+    let mut link = link();
+    let mut outputs = outputs(Mode::Scanning, Some(0.3));
+    link.note(0, &outputs, [Some(1.5); 4], Diagnosis::default());
+    let before: Vec<Incoming> = (0..20).flat_map(|tick| said(&mut link, tick * 5_000)).collect();
+    assert_eq!(ranges(&before), Some([Some(1.5); 4]));
+    outputs.display.range_faults.up = true;
+    link.note(100_000, &outputs, [Some(1.5); 4], Diagnosis::default());
+    let after: Vec<RawFrame> = (20..40).flat_map(|tick| frames(&mut link, tick * 5_000)).collect();
+    let heard: Vec<Incoming> = after.iter().filter_map(Incoming::read).collect();
+    assert_eq!(ranges(&heard), Some([None, Some(1.5), Some(1.5), Some(1.5)]));
+    // DISTANCE_SENSOR: its orientation says where it looks, 24 is up.
+    assert!(!after.iter().any(|frame| frame.message == 132 && frame.u8(12) == 24));
 }
 
 #[test]

@@ -12,7 +12,7 @@ async fn bytes_go_both_ways_over_a_serial_line_and_a_pulled_plug_is_told() {
     drop(port);
     let mut line = Line::open(&connection, PATIENCE.silence).await.unwrap();
     let taken = Line::open(&connection, PATIENCE.silence).await.unwrap_err();
-    assert!(matches!(taken, LinkError::Serial { .. }), "a port has one user");
+    assert!(matches!(taken, LinkError::Serial { trouble: SerialTrouble::Busy, .. }), "{taken:?}");
     assert!(matches!(line.next().await, Some(LineEvent::Up { peer }) if peer.ends_with("at 57600 baud")));
     other.write_all(&[0xFD, 0, 13, 10]).await.unwrap();
     let mut heard = Vec::new();
@@ -27,4 +27,21 @@ async fn bytes_go_both_ways_over_a_serial_line_and_a_pulled_plug_is_told() {
     assert_eq!(sent, [10, 13, 0xFE]);
     drop(other);
     assert!(matches!(line.next().await, Some(LineEvent::Down { .. })));
+}
+
+#[tokio::test]
+async fn bytes_that_are_no_frames_are_told_with_the_port_and_what_to_try() {
+    let (mut other, port) = SerialStream::pair().unwrap();
+    let path = port.name().unwrap();
+    drop(port);
+    let connection = Connection::Serial { path: path.clone(), baud: 57_600 };
+    let short = Patience { answer: Duration::from_millis(20), silence: Duration::from_millis(1500) };
+    let session = Session::open(&connection, Config { patience: short, ..Config::default() }).await.unwrap();
+    // What 921,600 baud look like at 57,600: bytes of no pattern.
+    let noise: Vec<u8> = (0_u32..2000).map(|count| (count.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    other.write_all(&noise).await.unwrap();
+    let error = session.board().await.unwrap_err();
+    assert!(matches!(error, LinkError::Noise { .. }), "{error:?}");
+    let error = error.to_string();
+    assert!(error.contains(&path) && error.contains("921600") && error.contains("57600 baud"), "{error}");
 }
