@@ -15,6 +15,7 @@ mod coverage;
 mod description;
 mod error;
 mod fine;
+mod gaps;
 mod grid;
 mod layer;
 mod resolution;

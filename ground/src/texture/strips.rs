@@ -11,6 +11,7 @@ use super::blend::{Band, HALO_CELLS, Shares, blend};
 use super::cache::{Cache, photos_at_once};
 use super::error::TextureError;
 use super::fine::{FineSource, TexelRows, add_detail, finish};
+use super::gaps::{fill, gaps};
 use super::grid::{Lattice, MID_PER_COARSE, PanoramaGrid, wall_at};
 use super::layer::{BestScores, Layer, LayerSource, Rgbx, Useful, useful};
 use super::sample::Mips;
@@ -152,7 +153,23 @@ impl Pass<'_> {
                 .collect();
             add_detail(&sources, &texels, &mut detail);
         }
-        self.report.coloured_px += detail.iter().filter(|texel| texel[3] > 0.0).count() as u64;
+        let mut gaps = gaps(&texels, &band, &labelling.photos, &detail);
+        for (&index, active) in self.active.iter().filter_map(|(index, active)| Some((index, active.as_ref()?))) {
+            if gaps.is_empty() {
+                break;
+            }
+            let candidate = &job.candidates[index];
+            let decoded = &mut self.report.decoded;
+            let decode = || {
+                *decoded += 1;
+                candidate.mips(&active.usable)
+            };
+            let photo = (&candidate.view, &active.usable, &active.curve);
+            if let Err(loss) = fill(&mut gaps, photo, &texels, &mut detail, decode) {
+                self.report.lose(loss);
+            }
+        }
+        self.report.coloured_px += detail.iter().filter(|texel| texel[3] != 0.0).count() as u64;
         self.labelling = Some(labelling);
         Ok(finish(&detail, &composite, &texels))
     }
