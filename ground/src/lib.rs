@@ -30,6 +30,7 @@ pub mod survey;
 pub mod texture;
 pub mod two_view;
 pub mod untagged;
+mod vectors;
 pub mod view;
 
 /// Returns the folder of sample surveys that lies beside the checkout, where there is one.

@@ -37,6 +37,17 @@ impl Loss {
         }
     }
 
+    /// Returns the loss's second derivative along the residual over its weight: 1 where it is quadratic, negative where it is so
+    /// flat that a linear model of it has no minimum.
+    pub fn steepness(self, squared: f64) -> f64 {
+        match self {
+            Self::Squared => 1.0,
+            Self::Huber(k) => f64::from(u8::from(squared <= k * k)),
+            Self::Cauchy(k) => 1.0 - 2.0 * squared / (k * k + squared),
+            Self::GemanMcClure(k) => 1.0 - 4.0 * squared / (k * k + squared),
+        }
+    }
+
     /// The same loss with a scale `factor` times as wide.
     #[must_use]
     pub fn widened(self, factor: f64) -> Self {
@@ -92,6 +103,19 @@ mod tests {
     use super::*;
 
     const ALL: [Loss; 4] = [Loss::Squared, Loss::Huber(1.5), Loss::Cauchy(2.0), Loss::GemanMcClure(3.0)];
+
+    #[test]
+    fn the_steepness_is_the_second_derivative_over_the_weight() {
+        for loss in ALL {
+            for residual in [0.2, 0.9, 2.0, 10.0_f64] {
+                let slope = |r: f64| r * loss.at(r * r).1;
+                let second = (slope(residual + 1e-6) - slope(residual - 1e-6)) / 2e-6;
+                let squared = residual * residual;
+                let difference = loss.steepness(squared) - second / loss.at(squared).1;
+                assert!(difference.abs() < 1e-6, "{loss:?} at {residual}");
+            }
+        }
+    }
 
     #[test]
     fn a_weight_is_the_slope_of_its_cost() {

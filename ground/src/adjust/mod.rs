@@ -48,6 +48,8 @@ const DAMPING: f64 = 1e-8;
 const WIDER: Limits = Limits { iterations: 6, decrease: 1e-3, damping: DAMPING };
 /// Final stage of an adjustment.
 const LIMITS: Limits = Limits { iterations: 40, decrease: 1e-6, damping: DAMPING };
+/// Final stage of one that others follow.
+const ROUGH: Limits = Limits { decrease: 1e-4, ..LIMITS };
 
 /// What an adjustment did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,7 +80,7 @@ pub struct AdjustReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
-    /// The cost decreases by less than a millionth.
+    /// The cost decreases by less than a millionth (of [`adjust_roughly`] a ten-thousandth).
     Converged,
     /// The iterations ran out first.
     IterationLimit,
@@ -105,14 +107,30 @@ pub struct Adjusted {
 /// [`NotPositiveDefinite`] if the normal equations cannot be solved (a bug or NaN in the input: priors make them positive
 /// definite).
 pub fn adjust(problem: &Problem<'_>, weights: &Weights) -> Result<Adjusted, NotPositiveDefinite> {
+    adjust_within(problem, weights, LIMITS)
+}
+
+/// Adjusts the problem until the cost decreases by less than a ten-thousandth: for poses that will be adjusted again.
+///
+/// # Errors
+/// As of [`adjust`].
+pub fn adjust_roughly(problem: &Problem<'_>, weights: &Weights) -> Result<Adjusted, NotPositiveDefinite> {
+    adjust_within(problem, weights, ROUGH)
+}
+
+fn adjust_within(problem: &Problem<'_>, weights: &Weights, last: Limits) -> Result<Adjusted, NotPositiveDefinite> {
     if points_see_shared(problem) {
-        adjust_with::<WITH_POINTS>(problem, weights)
+        adjust_with::<WITH_POINTS>(problem, weights, last)
     } else {
-        adjust_with::<0>(problem, weights)
+        adjust_with::<0>(problem, weights, last)
     }
 }
 
-fn adjust_with<const K: usize>(problem: &Problem<'_>, weights: &Weights) -> Result<Adjusted, NotPositiveDefinite> {
+fn adjust_with<const K: usize>(
+    problem: &Problem<'_>,
+    weights: &Weights,
+    last_limits: Limits,
+) -> Result<Adjusted, NotPositiveDefinite> {
     let model = TunnelModel::<K>::new(problem, weights.surface_m);
     let mut solver = Solver::new(&model);
     let mut state = start_of(problem);
@@ -124,13 +142,13 @@ fn adjust_with<const K: usize>(problem: &Problem<'_>, weights: &Weights) -> Resu
     let mut scale = (3.0 * median_before_px / weights.pixel_px / weights.loss.scale()).max(1.0);
     let Minimised { outcome, cost: cost_after, .. } = loop {
         let stage = Weighting { loss: weights.loss.widened(scale), ..last };
-        let limits = if scale > 1.0 { WIDER } else { LIMITS };
+        let limits = if scale > 1.0 { WIDER } else { last_limits };
         let minimised = solver.minimise(&stage, &mut state, limits)?;
         iterations += minimised.iterations;
         if scale <= 1.0 {
             break minimised;
         }
-        scale = (scale * 0.5).max(1.0);
+        scale = (scale * 0.25).max(1.0);
     };
     let errors_px = solver.errors_px(&state);
     let report = AdjustReport {
@@ -159,7 +177,7 @@ fn start_of(problem: &Problem<'_>) -> State<Estimate> {
 
 /// Matches trusted as `weights` say.
 fn weighting_of(weights: &Weights) -> Weighting {
-    Weighting { pixel_px: weights.pixel_px, loss: weights.loss, information: None }
+    Weighting { pixel_px: weights.pixel_px, loss: weights.loss, information: None, curved: false }
 }
 
 /// Returns where the shared unknowns go in `iterations` steps from the problem's own state, at the final width of the loss.

@@ -4,10 +4,9 @@
 
 use std::f32::consts::{PI, TAU};
 
-use pulp::Arch;
-
 use super::sift::Level;
 use super::{Keypoint, Orientation, SiftDescriptor};
+use crate::vectors::vectorised;
 
 /// Standard deviation of the window from which a direction is taken, in the keypoint's scale (`lambda_ori`).
 const DIRECTION_WINDOW: f32 = 1.5;
@@ -64,7 +63,7 @@ impl Gradients {
         let samples = size[0] * size[1];
         let mut gradients = Self { corner, size, magnitude: vec![0.0; samples], angle_rad: vec![0.0; samples] };
         if samples > 0 {
-            Arch::new().dispatch(
+            vectorised(
                 #[inline(always)]
                 || gradients.fill(level, &across, &down),
             );

@@ -1,9 +1,9 @@
 //! Corners by the segment test (FAST-9, Rosten and Drummond, ECCV 2006), scored for every pixel at once.
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::raster::Raster;
+use crate::vectors::vectorised;
 
 /// Radius of the circle, pixels.
 pub(super) const RADIUS: usize = 3;
@@ -49,7 +49,7 @@ pub(super) fn corners(image: &Raster<u8, 1>, least: u8) -> Vec<Corner> {
     let mut scores = vec![0_u8; width * height];
     scores.par_chunks_exact_mut(width).enumerate().for_each(|(row, line)| {
         if row >= RADIUS && row + RADIUS < height {
-            Arch::new().dispatch(
+            vectorised(
                 #[inline(always)]
                 || score_row(image, row, line),
             );

@@ -3,10 +3,10 @@
 //! With a few thousand features per photo, comparing all is exact, needs no index, and takes a tenth of a second; the
 //! blocks below keep both sides in the first-level cache.
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use super::{BriefDescriptor, SiftDescriptor};
+use crate::vectors::vectorised;
 
 /// Queries that one task compares with everything.
 const QUERIES: usize = 32;
@@ -64,7 +64,7 @@ impl Descriptor for BriefDescriptor {
 pub fn nearest<const K: usize, D: Descriptor>(descriptors: &[D], others: &[D]) -> Vec<[Neighbour; K]> {
     let mut found = vec![[Neighbour { index: u32::MAX, distance: u32::MAX }; K]; descriptors.len()];
     found.par_chunks_mut(QUERIES).zip(descriptors.par_chunks(QUERIES)).for_each(|(found, queries)| {
-        Arch::new().dispatch(
+        vectorised(
             #[inline(always)]
             || search(found, queries, others),
         );

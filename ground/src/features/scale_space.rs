@@ -1,9 +1,9 @@
 //! The Gaussian scale space: a photo blurred more and more, halved with each octave.
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::raster::Grey;
+use crate::vectors::vectorised;
 
 /// Scales per octave at which extrema are looked for ("Anatomy of the SIFT method", table 1: `n_spo`).
 pub(super) const SCALES: usize = 3;
@@ -99,7 +99,7 @@ pub(super) fn blurred(image: &Grey, sigma: f32) -> Grey {
     }
     let mut out = Grey::new(image.width, image.height);
     out.data.par_chunks_mut(BAND * image.width).enumerate().for_each(|(band, lines)| {
-        Arch::new().dispatch(
+        vectorised(
             #[inline(always)]
             || blur_band(image, &taps, band * BAND, lines),
         );

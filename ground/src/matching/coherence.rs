@@ -15,8 +15,11 @@ use super::wall::WallPoint;
 /// Unknowns: the motions of both cameras.
 const UNKNOWNS: usize = 12;
 
-/// Shrinking steps of the robust scale.
-const STEPS: usize = 12;
+/// The robust scale shrinks by about this factor from step to step, then stays.
+const SHRINK: f64 = 1.5;
+
+/// Steps at the final scale, the first of them included.
+const LAST_STEPS: usize = 2;
 
 /// Least standard deviations of a pose, metres and radians: leaves the fit some freedom when poses are said to be exact.
 const POSE_FLOOR: [f64; 2] = [2e-3, 5e-4];
@@ -49,21 +52,31 @@ impl<'a> PairMotion<'a> {
         let mut motion = SVector::<f64, UNKNOWNS>::zeros();
         let mut covariance = None;
         let start_m = reach_m.max(2.0 * gate_m);
-        for step in 0..STEPS {
-            let share = step as f64 / (STEPS - 1) as f64;
-            let scale_m = start_m * (0.7 * gate_m / start_m).powf(share);
+        let end_m = 0.7 * gate_m;
+        let shrinking = ((start_m / end_m).ln() / SHRINK.ln()).ceil().max(1.0) as usize;
+        let steps = shrinking + LAST_STEPS;
+        for step in 0..steps {
+            let share = (step as f64 / shrinking as f64).min(1.0);
+            let scale_m = start_m * (end_m / start_m).powf(share);
             let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&prior);
             let mut right = SVector::<f64, UNKNOWNS>::zeros();
             for (row, one) in rows.iter().zip(matches) {
                 let found = Vector2::from(one.found_m);
                 let squared = (found - row * motion).norm_squared() / (scale_m * scale_m);
                 let weight = one.information / ((1.0 + squared) * (1.0 + squared));
-                normal += row.transpose() * row * weight;
-                right += row.transpose() * found * weight;
+                let weighted = row * weight;
+                // The lower triangle is all that is asked for.
+                for column in 0..UNKNOWNS {
+                    for other in column..UNKNOWNS {
+                        normal[(other, column)] +=
+                            row[(0, other)] * weighted[(0, column)] + row[(1, other)] * weighted[(1, column)];
+                    }
+                }
+                right += weighted.transpose() * found;
             }
             let Some(factor) = normal.cholesky() else { break };
             motion = factor.solve(&right);
-            if step == STEPS - 1 {
+            if step + 1 == steps {
                 covariance = Some(factor.inverse());
             }
         }

@@ -4,7 +4,7 @@
 //! Gaussians, and every sum over a template's or a corner's box. Windows start at whole blocks of the wall grid, so every
 //! photo averages alike. What must be done to every texel goes row by row, in vectors, through memory as seldom as possible.
 
-use pulp::Arch;
+use crate::vectors::vectorised;
 
 /// Texels averaged before a wide Gaussian or a box sum, per axis.
 pub(super) const DECIMATION: usize = 4;
@@ -13,7 +13,7 @@ pub(super) const DECIMATION: usize = 4;
 const STRIP: usize = 32;
 
 /// A row-major grid of values.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Plane {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -25,6 +25,13 @@ impl Plane {
         Self { width, height, data: vec![0.0; width * height] }
     }
 
+    /// Takes on a size, every value `value`, in the memory that there is.
+    pub(super) fn reset(&mut self, [width, height]: [usize; 2], value: f32) {
+        (self.width, self.height) = (width, height);
+        self.data.clear();
+        self.data.resize(width * height, value);
+    }
+
     pub(super) fn row(&self, row: usize) -> &[f32] {
         &self.data[row * self.width..(row + 1) * self.width]
     }
@@ -34,7 +41,8 @@ impl Plane {
     }
 }
 
-/// What matching sees of a photo on the wall grid.
+/// What matching sees of a photo on the wall grid; its memory serves one photo after the other.
+#[derive(Debug, Default)]
 pub(super) struct Band {
     /// The normalised band; 0 where unseen.
     pub(super) texels: Plane,
@@ -47,7 +55,7 @@ impl Band {
     ///
     /// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)` plus the floor; every Gaussian over the seen
     /// texels only. Width and height are multiples of [`DECIMATION`].
-    pub(super) fn new(plane: &Plane, small_px: f32, large_px: f32, contrast_floor: f32) -> Self {
+    pub(super) fn fill(&mut self, plane: &Plane, small_px: f32, large_px: f32, contrast_floor: f32) {
         let large_px = large_px / DECIMATION as f32;
         let seen = decimated(plane, |value| if value.is_nan() { 0.0 } else { 1.0 });
         let weight = gaussian(&seen, large_px);
@@ -63,18 +71,24 @@ impl Band {
                 *out = if value.is_nan() { 0.0 } else { *out };
             }
         };
-        let mut texels = blurred([plane.width, plane.height], small_px, centre, hide_unseen);
-        let mut gain = ratio(&gaussian(&decimated(&texels, |value| value * value), large_px), &weight);
+        let texels = &mut self.texels;
+        blur([plane.width, plane.height], small_px, centre, hide_unseen, texels);
+        let mut gain = ratio(&gaussian(&decimated(texels, |value| value * value), large_px), &weight);
         for value in &mut gain.data {
             *value = 1.0 / (value.max(0.0).sqrt() + contrast_floor);
         }
         let mut gain = Upsampled::new(gain);
-        for row in 0..texels.height {
-            for (value, gain) in texels.row_mut(row).iter_mut().zip(gain.row(row)) {
-                *value *= gain;
-            }
-        }
-        Self { texels, seen }
+        vectorised(
+            #[inline(always)]
+            || {
+                for row in 0..texels.height {
+                    for (value, gain) in texels.row_mut(row).iter_mut().zip(gain.row(row)) {
+                        *value *= gain;
+                    }
+                }
+            },
+        );
+        self.seen = seen;
     }
 }
 
@@ -98,7 +112,7 @@ pub(super) fn decimated_rows([width, height]: [usize; 2], add: impl Fn(usize, &m
     let mut small = Plane::new(width / DECIMATION, height / DECIMATION);
     let mut sums = vec![0.0; width];
     let share = 1.0 / (DECIMATION * DECIMATION) as f32;
-    Arch::new().dispatch(
+    vectorised(
         #[inline(always)]
         || {
             for block_row in 0..small.height {
@@ -129,6 +143,8 @@ impl Upsampled {
         Self { small, blended, wide }
     }
 
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
     fn row(&mut self, row: usize) -> &[f32] {
         let (first, second, t) = neighbours(row, self.small.height);
         let rows = self.small.row(first).iter().zip(self.small.row(second));
@@ -164,25 +180,28 @@ fn neighbours(index: usize, blocks: usize) -> (usize, usize, f32) {
 /// Gaussian blur, cut at three standard deviations, zero beyond the border.
 pub(super) fn gaussian(plane: &Plane, sigma_px: f32) -> Plane {
     let size = [plane.width, plane.height];
-    blurred(size, sigma_px, |row, target| target.copy_from_slice(plane.row(row)), |_, _| ())
+    let mut blurred = Plane::default();
+    blur(size, sigma_px, |row, target| target.copy_from_slice(plane.row(row)), |_, _| (), &mut blurred);
+    blurred
 }
 
-/// Gaussian blur as of [`gaussian`] of the rows that `fill` writes, each asked for once, in order; `finish` sees every row of
-/// the result.
-fn blurred(
+/// Gaussian blur as of [`gaussian`] of the rows that `fill` writes, each asked for once, in order, into `out`; `finish` sees
+/// every row of the result.
+fn blur(
     [width, height]: [usize; 2],
     sigma_px: f32,
     mut fill: impl FnMut(usize, &mut [f32]),
     mut finish: impl FnMut(usize, &mut [f32]),
-) -> Plane {
+    out: &mut Plane,
+) {
     let taps = gaussian_taps(sigma_px);
     let radius = taps.len() / 2;
     let strips = width.next_multiple_of(STRIP);
-    let mut out = Plane::new(width, height);
+    out.reset([width, height], 0.0);
     // The rows around the current one, in turn; what no row has filled yet is zero.
     let mut ring = vec![0.0; taps.len() * strips];
     let mut column = vec![0.0; strips + 2 * radius];
-    Arch::new().dispatch(
+    vectorised(
         #[inline(always)]
         || {
             for next in 0..height + radius {
@@ -199,15 +218,18 @@ fn blurred(
                     let sums = weighted_sums(&taps, &ring, sources);
                     column[radius + start..][..STRIP].copy_from_slice(&sums);
                 }
-                for (strip, target) in out.row_mut(row).chunks_mut(STRIP).enumerate() {
-                    let sources = strip * STRIP..strip * STRIP + taps.len();
-                    target.copy_from_slice(&weighted_sums(&taps, &column, sources)[..target.len()]);
+                let (targets, rest) = out.row_mut(row).as_chunks_mut::<STRIP>();
+                let sums = |strip: usize| weighted_sums(&taps, &column, strip * STRIP..strip * STRIP + taps.len());
+                for (strip, target) in targets.iter_mut().enumerate() {
+                    *target = sums(strip);
+                }
+                if !rest.is_empty() {
+                    rest.copy_from_slice(&sums(targets.len())[..rest.len()]);
                 }
                 finish(row, out.row_mut(row));
             }
         },
     );
-    out
 }
 
 /// Sums of strips of `data` that begin at `sources`, weighted by `taps`.
@@ -315,7 +337,11 @@ mod tests {
         for value in &mut other.data {
             *value = 3.0 * *value + 20.0;
         }
-        let (band, other) = (Band::new(&plane, 1.0, 8.0, 0.01), Band::new(&other, 1.0, 8.0, 0.01));
+        let [band, other] = [plane, other].map(|plane| {
+            let mut band = Band::default();
+            band.fill(&plane, 1.0, 8.0, 0.01);
+            band
+        });
         assert!(band.seen.data.iter().all(|&share| share == 1.0));
         let worst = band.texels.data.iter().zip(&other.texels.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst < 0.05, "differs by {worst}");
@@ -327,7 +353,8 @@ mod tests {
         for row in 8..20 {
             plane.row_mut(row)[10..40].fill(f32::NAN);
         }
-        let band = Band::new(&plane, 1.0, 8.0, 0.01);
+        let mut band = Band::default();
+        band.fill(&plane, 1.0, 8.0, 0.01);
         assert!(band.texels.data.iter().all(|value| value.is_finite()));
         assert!(plane.data.iter().zip(&band.texels.data).all(|(given, value)| given.is_nan() == (*value == 0.0)));
         assert_eq!(band.seen.row(3)[2..10], [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);

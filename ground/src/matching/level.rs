@@ -4,7 +4,7 @@ use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 
 use super::coherence::{Displacement, PairMotion, displacement_sigma_m};
-use super::patch::Patch;
+use super::patch::{Bench, Patch};
 use super::search::{Search, SearchSize};
 use super::wall::{BLOCK, Footprint, WallGrid};
 use super::{MatchConfig, PairReport, Pixels, ViewPose};
@@ -78,8 +78,8 @@ impl<'a> Level<'a> {
         self.grid.columns / BLOCK as i64
     }
 
-    pub(super) fn patch(&self, photo: usize, footprint: &Footprint, pixels: &Pixels<'_>) -> Patch {
-        Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, pixels, &self.config)
+    pub(super) fn patch(&self, photo: usize, footprint: &Footprint, pixels: &Pixels<'_>, bench: &mut Bench) -> Patch {
+        Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, pixels, &self.config, bench)
     }
 
     /// Half-width and half-height of the window that the uncertainty of the displacement between the two photos asks for.
@@ -132,7 +132,7 @@ impl<'a> Level<'a> {
 
     /// Half-width of the search around a prediction from probes.
     fn narrow_px(&self) -> usize {
-        ((2.0 * self.config.gate_px).ceil() as usize + 2).max(self.config.min_search_px)
+        self.config.gate_px.ceil() as usize + 2
     }
 
     /// The motion of a pair that explains its matches, of which each may be off by the window.

@@ -14,6 +14,13 @@ const MIN_SEEN: f32 = 0.9;
 /// Least variance of a template of the locally normalised band: below it there is nothing to match.
 pub(super) const MIN_VARIANCE: f32 = 0.02;
 
+/// Working memory of a photo on its way to the wall grid.
+#[derive(Debug, Default)]
+pub(super) struct Bench {
+    rectified: Plane,
+    band: Band,
+}
+
 /// One photo on its window of the wall grid.
 #[derive(Debug)]
 pub(super) struct Patch {
@@ -36,10 +43,11 @@ impl Patch {
         footprint: &Footprint,
         pixels: &Pixels<'_>,
         config: &MatchConfig,
+        Bench { rectified, band }: &mut Bench,
     ) -> Self {
-        let rectified = rectify(grid, tunnel_from_cam, footprint, pixels);
-        let band = Band::new(&rectified, config.band_small_px, config.band_large_px, config.contrast_floor);
-        let usable = usable(&band, config.template_px / 2);
+        rectify(grid, tunnel_from_cam, footprint, pixels, rectified);
+        band.fill(rectified, config.band_small_px, config.band_large_px, config.contrast_floor);
+        let usable = usable(band, config.template_px / 2);
         let origin = footprint.block0.map(|block| block * BLOCK as i64);
         let points = reference_points(&band.texels, &usable, origin, config);
         let footprint = without_masked(footprint, &band.seen);

@@ -1,13 +1,16 @@
 //! A photo laid onto the wall grid.
 
+use std::borrow::Cow;
+
 use nalgebra::{Isometry3, Point3};
 
 use super::Pixels;
 use super::filter::Plane;
 use super::wall::{BLOCK, Footprint, WallGrid};
+use crate::vectors::vectorised;
 
 /// Rows between exact projections.
-const KNOT_ROWS: usize = 8;
+const KNOT_ROWS: usize = 16;
 
 /// Knots per block of rows.
 const KNOTS: usize = BLOCK / KNOT_ROWS;
@@ -15,118 +18,155 @@ const KNOTS: usize = BLOCK / KNOT_ROWS;
 /// Added before the logarithm, grey levels: keeps the noise of dark pixels from being blown up.
 const LOG_OFFSET: f32 = 8.0;
 
-/// Steps per grey level.
+/// Steps per grey level of a halved photo.
 const LEVEL_STEPS: u16 = 16;
 
 /// A photo, halved until its pixels are about as large as the grid's texels.
-///
-/// The logarithm is taken where a pixel is read: the photo itself stays small enough for the cache.
-struct Image {
+struct Image<'a, T: Clone> {
     width: usize,
     height: usize,
-    /// In steps; 0 where the mask hides the photo, at least 1 elsewhere.
-    levels: Vec<u16>,
-    /// Logarithm by level; NaN for a hidden pixel.
-    logarithms: Box<[f32; 256 * LEVEL_STEPS as usize]>,
+    levels: Cow<'a, [T]>,
+    /// Grey levels per step of `levels`.
+    step: f32,
+    /// Level 0 marks what the mask hides.
+    masked: bool,
 }
 
-impl Image {
-    fn new(pixels: &Pixels<'_>, halvings: u32) -> Self {
+impl<'a> Image<'a, u8> {
+    fn new(pixels: &'a Pixels<'_>) -> Self {
         let grey = &*pixels.grey;
-        let level = |&level: &u8| (u16::from(level) * LEVEL_STEPS).max(1);
         let levels = match pixels.mask.as_deref() {
             Some(mask) => {
                 let shown = grey.data.iter().zip(&mask.data);
-                shown.map(|(grey, &mask)| if mask < 128 { 0 } else { level(grey) }).collect()
+                shown.map(|(&grey, &mask)| if mask < 128 { 0 } else { grey.max(1) }).collect()
             }
-            None => grey.data.iter().map(level).collect(),
+            None => Cow::Borrowed(&grey.data[..]),
         };
-        let logarithm = |level: usize| {
-            if level == 0 { f32::NAN } else { (level as f32 / f32::from(LEVEL_STEPS) + LOG_OFFSET).ln() }
-        };
-        let logarithms = Box::new(std::array::from_fn(logarithm));
-        let mut image = Self { width: grey.width, height: grey.height, levels, logarithms };
-        for _ in 0..halvings {
-            image.halve();
-        }
-        image
+        Self { width: grey.width, height: grey.height, levels, step: 1.0, masked: pixels.mask.is_some() }
     }
+}
 
-    /// Takes the means of two by two pixels, hidden where one of them is.
-    fn halve(&mut self) {
+impl<T: Copy + Default + PartialEq + Into<f32> + Into<u16>> Image<'_, T> {
+    /// Means of two by two pixels, hidden where one of them is.
+    fn halved(&self) -> Image<'static, u16> {
         let (width, height) = (self.width / 2, self.height / 2);
+        // The mean of four, in steps.
+        let steps = (f32::from(LEVEL_STEPS) * self.step) as u16;
         let mut halved = Vec::with_capacity(width * height);
         for rows in self.levels[..2 * self.width * height].chunks_exact(2 * self.width) {
             let (upper, lower) = rows.split_at(self.width);
             let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
-            halved.extend(pairs.map(|(&[a, b], &[c, d])| {
-                let hidden = a.min(b).min(c).min(d) == 0;
-                if hidden { 0 } else { (a + b + c + d + 2) >> 2 }
+            halved.extend(pairs.map(|(upper, lower)| {
+                let [a, b, c, d]: [u16; 4] = [upper[0], upper[1], lower[0], lower[1]].map(Into::into);
+                let hidden = self.masked && a.min(b).min(c).min(d) == 0;
+                if hidden { 0 } else { (steps * (a + b + c + d) + 2) >> 2 }
             }));
         }
-        (self.width, self.height, self.levels) = (width, height, halved);
+        Image { width, height, levels: halved.into(), step: 1.0 / f32::from(LEVEL_STEPS), masked: self.masked }
     }
 
-    /// Bilinear sample of the logarithm at a position counted from the first pixel's centre; NaN outside or beside a hidden
+    /// Logarithms of the bilinear samples at positions counted from the first pixel's centre; NaN outside or beside a hidden
     /// pixel.
-    #[inline]
-    fn sample(&self, x: f32, y: f32) -> f32 {
-        let (width, height) = (self.width, self.height);
-        // Also false for NaN.
-        if !(x >= 0.0 && y >= 0.0 && x < (width - 1) as f32 && y < (height - 1) as f32) {
-            return f32::NAN;
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
+    fn sample<const N: usize>(&self, xs: &[f32; N], ys: &[f32; N]) -> [f32; N] {
+        let (most_x, most_y) = ((self.width - 1) as f32, (self.height - 1) as f32);
+        let (mut inside, mut column, mut row) = ([false; N], [0; N], [0; N]);
+        for i in 0..N {
+            // Also false for NaN.
+            inside[i] = (xs[i] >= 0.0) & (ys[i] >= 0.0) & (xs[i] < most_x) & (ys[i] < most_y);
+            column[i] = if inside[i] { xs[i] as i32 } else { 0 };
+            row[i] = if inside[i] { ys[i] as i32 } else { 0 };
         }
-        // Positions are small and not negative: through i32 the conversions are one instruction each.
-        let (column, row) = (x as i32, y as i32);
-        let (tx, ty) = (x - column as f32, y - row as f32);
-        let index = row as usize * width + column as usize;
-        let log = |level: u16| self.logarithms[usize::from(level) % self.logarithms.len()];
-        let [top, bottom] = [index, index + width].map(|left| {
-            let pair = &self.levels[left..left + 2];
-            let (left, right) = (log(pair[0]), log(pair[1]));
-            left + tx * (right - left)
-        });
-        top + ty * (bottom - top)
+        let (mut a, mut b, mut c, mut d) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
+        for i in 0..N {
+            let index = row[i] as usize * self.width + column[i] as usize;
+            let (upper, lower) = (&self.levels[index..index + 2], &self.levels[index + self.width..][..2]);
+            (a[i], b[i], c[i], d[i]) = (upper[0].into(), upper[1].into(), lower[0].into(), lower[1].into());
+        }
+        let mut logarithms = [f32::NAN; N];
+        for i in 0..N {
+            let (tx, ty) = (xs[i] - column[i] as f32, ys[i] - row[i] as f32);
+            let (top, bottom) = (a[i] + tx * (b[i] - a[i]), c[i] + tx * (d[i] - c[i]));
+            let sample = logarithm(self.step * (top + ty * (bottom - top)) + LOG_OFFSET);
+            let hidden = self.masked & (a[i].min(b[i]).min(c[i]).min(d[i]) == 0.0);
+            logarithms[i] = if inside[i] & !hidden { sample } else { f32::NAN };
+        }
+        logarithms
     }
 }
 
-/// Returns the logarithm of the photo on the footprint's window of the grid; NaN where it does not see the wall.
-///
-/// Goes block by block: a row of the wall may run along a column of the photo, and then misses the cache at every texel.
+/// Natural logarithm of a positive normal number, to 2e-6: what compilers can turn into vectors.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn logarithm(value: f32) -> f32 {
+    let bits = value.to_bits();
+    let exponent = (bits >> 23) as i32 - 127;
+    let mantissa = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
+    // ln m = 2 artanh((m - 1) / (m + 1)), at most 1/3.
+    let t = (mantissa - 1.0) / (mantissa + 1.0);
+    let tt = t * t;
+    let series = 2.0 + tt * (2.0 / 3.0 + tt * (2.0 / 5.0 + tt * (2.0 / 7.0 + tt * (2.0 / 9.0))));
+    exponent as f32 * std::f32::consts::LN_2 + t * series
+}
+
+/// Lays the logarithm of the photo onto the footprint's window of the grid; NaN where it does not see the wall.
 pub(super) fn rectify(
     grid: &WallGrid<'_>,
     tunnel_from_cam: &Isometry3<f64>,
     footprint: &Footprint,
     pixels: &Pixels<'_>,
-) -> Plane {
+    plane: &mut Plane,
+) {
     let focal_px = 0.5 * (grid.camera.focal_px[0] + grid.camera.focal_px[1]);
     let texel_px = grid.step_m * focal_px / footprint.distance_m;
     // Halve when a texel is at least about 1.6 pixels wide.
     let halvings = (texel_px.log2() - 0.2).round().clamp(0.0, 6.0) as u32;
-    let image = Image::new(pixels, halvings);
     let knots = Knots::new(grid, tunnel_from_cam, footprint, 0.5_f64.powi(halvings as i32));
+    plane.reset(footprint.size.map(|blocks| blocks * BLOCK), f32::NAN);
+    let image = Image::new(pixels);
+    if halvings == 0 {
+        return lay(&image, &knots, footprint, plane);
+    }
+    let mut halved = image.halved();
+    for _ in 1..halvings {
+        halved = halved.halved();
+    }
+    lay(&halved, &knots, footprint, plane);
+}
+
+/// Goes block by block: a row of the wall may run along a column of the photo, and then misses the cache at every texel.
+fn lay<T>(image: &Image<'_, T>, knots: &Knots, footprint: &Footprint, plane: &mut Plane)
+where
+    T: Copy + Default + PartialEq + Into<f32> + Into<u16>,
+{
+    if image.width < 2 || image.height < 2 {
+        return;
+    }
     let [blocks_wide, blocks_high] = footprint.size;
-    let (width, height) = (blocks_wide * BLOCK, blocks_high * BLOCK);
-    let mut plane = Plane { width, height, data: vec![f32::NAN; width * height] };
-    for (block_row, block_column) in (0..blocks_high).flat_map(|row| (0..blocks_wide).map(move |column| (row, column)))
-    {
-        if !footprint.sees_around([block_column, block_row]) {
-            continue;
-        }
-        let start = block_column * BLOCK;
-        for row in block_row * BLOCK..(block_row + 1) * BLOCK {
-            let [xs, ys] = knots.positions(row, start);
-            let nearest = (row + KNOT_ROWS / 2) / KNOT_ROWS + 1;
-            let facing = &knots.facing[nearest * width + start..][..BLOCK];
-            let target = &mut plane.row_mut(row)[start..start + BLOCK];
-            for (((value, &x), &y), &facing) in target.iter_mut().zip(&xs).zip(&ys).zip(facing) {
-                if facing {
-                    *value = image.sample(x, y);
+    vectorised(
+        #[inline(always)]
+        || {
+            for (block_row, block_column) in
+                (0..blocks_high).flat_map(|row| (0..blocks_wide).map(move |column| (row, column)))
+            {
+                if !footprint.sees_around([block_column, block_row]) {
+                    continue;
+                }
+                let start = block_column * BLOCK;
+                for row in block_row * BLOCK..(block_row + 1) * BLOCK {
+                    let [xs, ys] = knots.positions(row, start);
+                    let nearest = (row + KNOT_ROWS / 2) / KNOT_ROWS + 1;
+                    let facing = &knots.facing[nearest * plane.width + start..][..BLOCK];
+                    let samples = image.sample(&xs, &ys);
+                    let target = &mut plane.row_mut(row)[start..start + BLOCK];
+                    for ((value, sample), &facing) in target.iter_mut().zip(samples).zip(facing) {
+                        *value = if facing { sample } else { f32::NAN };
+                    }
                 }
             }
-        }
-    }
-    plane
+        },
+    );
 }
 
 /// Exact projections of every column, every [`KNOT_ROWS`] rows, from one knot before the window on. Between them pixels follow a
@@ -183,6 +223,8 @@ impl Knots {
     }
 
     /// Positions along x and y, between the knots, of the texels of a row from column `start` on.
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
     fn positions(&self, row: usize, start: usize) -> [[f32; BLOCK]; 2] {
         let weights = self.weights[row % KNOT_ROWS];
         self.pixels.each_ref().map(|pixels| {
@@ -220,19 +262,30 @@ mod tests {
     use crate::raster::{Luma, Mask};
 
     #[test]
-    fn a_sample_is_bilinear_in_the_logarithm_and_nan_beside_what_is_hidden_and_beyond_the_border() {
+    fn a_sample_is_the_logarithm_of_the_bilinear_one_and_nan_beside_what_is_hidden_and_beyond_the_border() {
         let mut mask = Mask { width: 4, height: 2, data: vec![255; 8] };
         mask.data[3] = 0;
         let grey = Luma { width: 4, height: 2, data: vec![0, 10, 20, 30, 40, 50, 60, 70] };
         let pixels = Pixels { grey: Cow::Owned(grey), mask: Some(Cow::Owned(mask)) };
-        let image = Image::new(&pixels, 0);
-        let log = |level: f32| (level + LOG_OFFSET).ln();
-        let upper = log(10.0) + 0.25 * (log(20.0) - log(10.0));
-        let lower = log(50.0) + 0.25 * (log(60.0) - log(50.0));
-        assert!((image.sample(1.25, 0.5) - 0.5 * (upper + lower)).abs() < 1e-6);
-        assert!((image.sample(1.0, 0.0) - log(10.0)).abs() < 1e-6);
-        for x in [2.5, -0.1, 3.0, f32::NAN] {
-            assert!(image.sample(x, 0.5).is_nan(), "at {x}");
+        let image = Image::new(&pixels);
+        let samples = image.sample(&[1.25, 1.0, 2.5, -0.1, 3.0, f32::NAN], &[0.5, 0.0, 0.5, 0.5, 0.5, 0.5]);
+        assert!((samples[0] - (32.5_f32 + LOG_OFFSET).ln()).abs() < 1e-5);
+        assert!((samples[1] - (10.0_f32 + LOG_OFFSET).ln()).abs() < 1e-5);
+        assert!(samples[2..].iter().all(|sample| sample.is_nan()), "{samples:?}");
+    }
+
+    #[test]
+    fn without_a_mask_black_is_a_level_like_any_other() {
+        let grey = Luma { width: 2, height: 2, data: vec![0; 4] };
+        let pixels = Pixels { grey: Cow::Owned(grey), mask: None };
+        assert!((Image::new(&pixels).sample(&[0.5], &[0.5])[0] - LOG_OFFSET.ln()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_logarithm_is_that_of_the_library() {
+        for step in 0..2000 {
+            let value = 8.0 + 0.13 * step as f32;
+            assert!((logarithm(value) - value.ln()).abs() < 4e-6, "of {value}");
         }
     }
 
@@ -240,7 +293,8 @@ mod tests {
     fn halving_takes_means_and_hides_what_is_partly_hidden() {
         let mask = Mask { width: 4, height: 2, data: vec![255, 255, 255, 0, 255, 255, 255, 255] };
         let grey = Luma { width: 4, height: 2, data: vec![10, 20, 1, 1, 30, 41, 1, 1] };
-        let image = Image::new(&Pixels { grey: Cow::Owned(grey), mask: Some(Cow::Owned(mask)) }, 1);
+        let pixels = Pixels { grey: Cow::Owned(grey), mask: Some(Cow::Owned(mask)) };
+        let image = Image::new(&pixels).halved();
         assert_eq!((image.width, image.height, &image.levels[..]), (2, 1, &[404, 0][..]));
     }
 

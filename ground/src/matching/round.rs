@@ -1,6 +1,6 @@
 //! One round of matching over all photos, a few held at a time.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::level::{Hint, Level, Match, PairSearch, global_place};
 use super::pairs::{ExpectedPair, expected_pairs, last_needed};
-use super::patch::Patch;
+use super::patch::{Bench, Patch};
 use super::repeats::repeat_px;
 use super::search::Search;
 use super::wall::Footprint;
@@ -30,6 +30,8 @@ struct Round<'a> {
     sharp: Level<'a>,
     /// Where repetitions vanish; `None` if the windows are smaller than what repeats.
     blurred: Option<Level<'a>>,
+    /// As many as photos were ever worked on at once.
+    benches: Mutex<Vec<Bench>>,
 }
 
 /// Matches every two photos that should overlap.
@@ -49,6 +51,7 @@ pub fn match_round<P: Photos + ?Sized>(
     let round = Round {
         sharp: Level::new(profile, camera, poses, config.clone()),
         blurred: config.blurred().map(|config| Level::new(profile, camera, poses, config)),
+        benches: Mutex::default(),
     };
     let footprints: Vec<Option<Footprint>> =
         poses.par_iter().map(|pose| Footprint::new(&round.sharp.grid, &pose.tunnel_from_cam)).collect();
@@ -126,12 +129,15 @@ impl Round<'_> {
         if !has_size_of(&pixels, self.sharp.grid.camera) {
             return None;
         }
-        let sharp = self.sharp.patch(photo, footprint, &pixels);
+        let benches = || self.benches.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut bench = benches().pop().unwrap_or_default();
+        let sharp = self.sharp.patch(photo, footprint, &pixels, &mut bench);
         let repeating = self.blurred.as_ref().and_then(|level| {
             let repeat_px = repeat_px(&sharp, &self.sharp.config, search)?;
             let footprint = Footprint::new(&level.grid, &level.poses[photo].tunnel_from_cam)?;
-            Some((repeat_px, level.patch(photo, &footprint, &pixels)))
+            Some((repeat_px, level.patch(photo, &footprint, &pixels, &mut bench)))
         });
+        benches().push(bench);
         Some(View { sharp, repeating })
     }
 

@@ -156,6 +156,7 @@ impl Run<'_> {
         if self.ends_with(Stage::Match) {
             return Ok(());
         }
+        let solver = solver.without_photos();
         let key = key.then("adjust", &())?;
         let adjusted =
             self.stage(Stage::Adjust, key, photos, &[], |_| solver.adjust(&prior, &coarse, matches), say_adjust)?;
@@ -166,7 +167,6 @@ impl Run<'_> {
         if self.ends_with(Stage::Adjust) {
             return Ok(());
         }
-        // Its photos are decoded in grey: the panorama has no use for them.
         drop(solver);
         self.picture_stages(survey, &adjusted.reconstruction, key)
     }

@@ -5,11 +5,11 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::matching::{Photos, Pixels};
-use crate::raster::Mask;
+use crate::raster::{Luma, Mask};
 use crate::survey::{Size, Survey, decode_luma, load_mask};
 
 /// Room for decoded photos and masks, whatever the survey's length: saves a short one from decoding all of them in each round.
-const KEPT_BYTES: usize = 256 << 20;
+const KEPT_BYTES: usize = 128 << 20;
 
 /// Decoded photos with their masks, the first ones that fit into [`KEPT_BYTES`].
 pub(super) struct KeptPhotos {
@@ -26,6 +26,13 @@ impl KeptPhotos {
 
     fn get(&self, index: usize) -> Option<Pixels<'_>> {
         self.photos.get(index)?.get().map(borrowed)
+    }
+
+    /// Gives the photos' memory back once they have been matched; the masks stay.
+    pub(super) fn release_greys(&mut self) {
+        for pixels in self.photos.iter_mut().filter_map(OnceLock::get_mut) {
+            pixels.grey = Cow::Owned(Luma { width: 0, height: 0, data: Vec::new() });
+        }
     }
 
     /// A photo's mask, if it has one that is kept.
@@ -108,8 +115,6 @@ fn photo_mask(survey: &Survey, index: usize) -> Result<Option<Mask>, crate::surv
 
 #[cfg(test)]
 mod tests {
-    use crate::raster::Luma;
-
     use super::*;
 
     fn kept(photos: usize, room_bytes: usize) -> KeptPhotos {

@@ -19,7 +19,7 @@ use super::groups::{Groups, PairShare, hanging_together, pair_shares};
 use super::progress::StageProgress;
 use super::solve::{COARSE_MATCH_PX, ROBUST, SURFACE_M, Solver};
 use super::stages::{CoarseStage, PriorStage, RoundSummary, TagSlip};
-use crate::adjust::{AdjustReport, Observation, Shared, Tracks, Weights, adjust};
+use crate::adjust::{AdjustReport, Observation, Shared, Tracks, Weights, adjust_roughly};
 use crate::matching::{MatchConfig, MatchRound, PairReport, ViewPose};
 use crate::prior::TagPrior;
 use crate::survey::Loss;
@@ -210,7 +210,7 @@ impl<'a> Placing<'a> {
             let poses: Vec<Isometry3<f64>> = self.views.iter().map(|view| view.tunnel_from_cam).collect();
             self.solver.put_on_wall(&mut tracks, &poses);
             let given = self.solver.problem(&self.tags, &poses, &tracks, self.shared);
-            let adjusted = adjust(&given, &weights)?;
+            let adjusted = adjust_roughly(&given, &weights)?;
             tracks.positions_mut().copy_from_slice(&adjusted.points);
             self.shared = adjusted.shared;
             let shares = pair_shares(&tracks, &adjusted.poses, &self.solver.survey.config.camera.camera, DISPUTED_PX);

@@ -68,7 +68,7 @@ impl BalProblem {
         let mut state =
             State { estimate: self.cameras.iter().map(Lens::new).collect(), points: self.tracks.positions().to_vec() };
         let model = BalModel { tracks: &self.tracks, cameras: self.cameras.len() };
-        let weighting = Weighting { pixel_px: 1.0, loss: Loss::Squared, information: None };
+        let weighting = Weighting { pixel_px: 1.0, loss: Loss::Squared, information: None, curved: false };
         let mut solver = Solver::new(&model);
         let initial_cost = solver.cost(&weighting, &state);
         let minimised =

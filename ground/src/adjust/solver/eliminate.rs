@@ -223,13 +223,13 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
         let mut shared: Share<K> = Share::new(self.chunk.first.len());
         shares.clear();
         for seen in self.model.tracks().of(point) {
-            let sight = self.model.sight(estimate, position, seen);
-            let (cost, weight) = self.weighting.at(sight.as_ref().map(|sight| &sight.residual));
-            sums.cost += cost;
-            if let Some(sight) = sight {
-                let block = self.layout.position(seen.photo as usize) - self.chunk.low;
-                shares.push(linearised(simd, block, &sight, weight, &mut own, &mut shared, sums));
-            }
+            let Some(mut sight) = self.model.sight(estimate, position, seen) else {
+                sums.cost += self.weighting.cost(None);
+                continue;
+            };
+            sums.cost += self.weighting.whiten(&mut sight);
+            let block = self.layout.position(seen.photo as usize) - self.chunk.low;
+            shares.push(linearised(simd, block, &sight, &mut own, &mut shared, sums));
         }
         if let Some(prior) = self.model.point_prior(estimate, position) {
             sums.cost += 0.5 * prior.residual * prior.residual;
@@ -242,7 +242,7 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
                     sums.gradient[row + a] += slope * prior.residual;
                     sums.diagonal[row + a] += slope * slope;
                     shared.slopes[0][a] = slope;
-                    shared.weighted[a][0] = slope;
+                    shared.by_unknown[a][0] = slope;
                     for k in 0..3 {
                         shared.coupling[k][a] += slope * prior.by_point[k];
                     }
@@ -259,7 +259,7 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
         for (index, share) in shares.iter().enumerate() {
             let own = share.block * C;
             let (target, stride) = sums.matrix.corner_mut(share.block, own);
-            update(simd, target, stride, &share.weighted, &share.slopes, C);
+            update(simd, target, stride, &share.by_unknown, &share.slopes, C);
             update(simd, target, stride, &share.reduced, &share.coupling, C);
             for other in &shares[..index] {
                 let (target, stride) = sums.matrix.corner_mut(share.block, other.block * C);
@@ -278,36 +278,34 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
         if K > 0 {
             let row = shared.block * C;
             let (target, stride) = sums.matrix.corner_mut(shared.block, row);
-            update(simd, target, stride, &shared.weighted, &shared.slopes, K);
+            update(simd, target, stride, &shared.by_unknown, &shared.slopes, K);
             update(simd, target, stride, &shared.reduced, &shared.coupling, K);
             lower(&mut sums.reduction[row..row + K], &shared, &pull);
         }
     }
 }
 
-/// Adds one observation to the sums, and returns its camera's share of the point.
+/// Adds one whitened observation to the sums, and returns its camera's share of the point.
 #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
 #[inline(always)]
 fn linearised<S: Simd, const C: usize, const K: usize>(
     simd: S,
     block: usize,
     sight: &Sight<C, K>,
-    weight: f64,
     own: &mut PointSums,
     shared: &mut Share<K>,
     sums: &mut Sums,
 ) -> Share<C> {
-    let residual = sight.residual * weight;
-    let by_point = sight.by_point * weight;
-    own.own += by_point.transpose() * sight.by_point;
-    own.gradient += by_point.transpose() * sight.residual;
+    let Sight { residual, by_point, .. } = sight;
+    own.own += by_point.transpose() * by_point;
+    own.gradient += by_point.transpose() * residual;
     let mut share = Share::new(block);
     for a in 0..C {
         let slopes = [sight.by_camera[(0, a)], sight.by_camera[(1, a)]];
         (share.slopes[0][a], share.slopes[1][a]) = (slopes[0], slopes[1]);
-        share.weighted[a] = slopes.map(|slope| slope * weight);
+        share.by_unknown[a] = slopes;
         sums.gradient[block * C + a] += slopes[0] * residual.x + slopes[1] * residual.y;
-        sums.diagonal[block * C + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
+        sums.diagonal[block * C + a] += slopes[0] * slopes[0] + slopes[1] * slopes[1];
         for k in 0..3 {
             share.coupling[k][a] = slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
         }
@@ -315,21 +313,21 @@ fn linearised<S: Simd, const C: usize, const K: usize>(
     if K > 0 {
         let row = shared.block * C;
         let mut lanes = [[0.0; SLACK]; 2];
-        let mut weighted = [[0.0; 2]; K];
+        let mut by_unknown = [[0.0; 2]; K];
         for a in 0..K {
             let slopes = [sight.by_shared[(0, a)], sight.by_shared[(1, a)]];
             (lanes[0][a], lanes[1][a]) = (slopes[0], slopes[1]);
-            weighted[a] = slopes.map(|slope| slope * weight);
+            by_unknown[a] = slopes;
             sums.gradient[row + a] += slopes[0] * residual.x + slopes[1] * residual.y;
-            sums.diagonal[row + a] += (slopes[0] * slopes[0] + slopes[1] * slopes[1]) * weight;
+            sums.diagonal[row + a] += slopes[0] * slopes[0] + slopes[1] * slopes[1];
             for k in 0..3 {
                 shared.coupling[k][a] += slopes[0] * by_point[(0, k)] + slopes[1] * by_point[(1, k)];
             }
         }
         let (target, stride) = sums.matrix.corner_mut(shared.block, row);
-        update(simd, target, stride, &weighted, &lanes, K);
+        update(simd, target, stride, &by_unknown, &lanes, K);
         let (target, stride) = sums.matrix.corner_mut(shared.block, block * C);
-        update(simd, target, stride, &weighted, &share.slopes, C);
+        update(simd, target, stride, &by_unknown, &share.slopes, C);
     }
     share
 }

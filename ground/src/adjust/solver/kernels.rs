@@ -10,7 +10,7 @@ pub(super) struct Share<const N: usize> {
     pub(super) block: usize,
     /// Derivatives of the two residuals by the share's unknowns, padded for whole vectors, and the same times their weight.
     pub(super) slopes: [[f64; SLACK]; 2],
-    pub(super) weighted: [[f64; 2]; N],
+    pub(super) by_unknown: [[f64; 2]; N],
     /// Columns of the coupling with the point, padded, and rows of it times the point's own inverse, negative.
     pub(super) coupling: [[f64; SLACK]; 3],
     pub(super) reduced: [[f64; 3]; N],
@@ -21,7 +21,7 @@ impl<const N: usize> Share<N> {
         Self {
             block,
             slopes: [[0.0; SLACK]; 2],
-            weighted: [[0.0; 2]; N],
+            by_unknown: [[0.0; 2]; N],
             coupling: [[0.0; SLACK]; 3],
             reduced: [[0.0; 3]; N],
         }

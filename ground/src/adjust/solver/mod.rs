@@ -31,6 +31,11 @@ use super::tracks::{Observation, Tracks};
 /// Damping beyond which no descent is to be had.
 const LAMBDA_MAX: f64 = 1e12;
 const LAMBDA_MIN: f64 = 1e-9;
+/// Relative decrease of the cost from which on the minimum is near: there iterations with the weights alone creep along what
+/// only doubtful sightings hold.
+const NEAR: f64 = 1e-2;
+/// Curvature along a residual, as a share of its weight, that is assumed where the loss has less.
+const LEAST_STEEPNESS: f64 = 0.1;
 /// A predicted decrease of so many times the smallest that counts is none if the step then raises the cost: where a wall's faces
 /// meet, and where a point leaves the photo, the cost has kinks that no linear model sees.
 const KINKS: f64 = 30.0;
@@ -106,26 +111,46 @@ pub(super) struct Weighting {
     pub(super) loss: Loss,
     /// For covariances: what a residual that is believed weighs, see [`Loss::information`].
     pub(super) information: Option<f64>,
+    /// Linearises with the loss's own curvature, not with its weight: quick where the minimum is near, lost where it is far.
+    pub(super) curved: bool,
 }
 
 impl Weighting {
-    /// Cost, and weight of the residual in pixels. A point that cannot be seen costs as much as one far off.
-    fn at(&self, residual: Option<&Vector2<f64>>) -> (f64, f64) {
+    /// Cost of a residual in pixels. A point that cannot be seen costs as much as one far off.
+    fn cost(&self, residual: Option<&Vector2<f64>>) -> f64 {
         const UNSEEN_PX: f64 = 1e4;
-        let information = self.pixel_px.powi(-2);
         let squared_px = residual.map_or(UNSEEN_PX * UNSEEN_PX, Vector2::norm_squared);
-        let (cost, weight) = self.loss.at(squared_px * information);
+        self.loss.at(squared_px / self.pixel_px.powi(2)).0
+    }
+
+    /// Makes a sight one of plain least squares, with the loss's slope and, if [`Self::curved`], its curvature, and returns its
+    /// cost (Triggs et al., section 4.3).
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
+    fn whiten<const C: usize, const K: usize>(&self, sight: &mut Sight<C, K>) -> f64 {
+        let information = self.pixel_px.powi(-2);
+        let squared_px = sight.residual.norm_squared();
+        let squared = squared_px * information;
+        let (cost, weight) = self.loss.at(squared);
         let weight = match self.information {
-            Some(believed) => {
-                if self.loss.believes(squared_px * information) {
-                    believed
-                } else {
-                    0.0
-                }
-            }
+            Some(believed) if self.loss.believes(squared) => believed,
+            Some(_) => 0.0,
             None => weight,
         };
-        (cost, weight * information)
+        let scale = (weight * information).sqrt();
+        let along = if self.curved { self.loss.steepness(squared).max(LEAST_STEEPNESS).sqrt() } else { 1.0 };
+        if along < 1.0 {
+            let flatter = sight.residual * ((along - 1.0) / squared_px);
+            let residual = sight.residual.transpose();
+            sight.by_camera += flatter * (residual * sight.by_camera);
+            sight.by_point += flatter * (residual * sight.by_point);
+            sight.by_shared += flatter * (residual * sight.by_shared);
+        }
+        sight.by_camera *= scale;
+        sight.by_point *= scale;
+        sight.by_shared *= scale;
+        sight.residual *= scale / along;
+        cost
     }
 }
 
@@ -201,22 +226,26 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
         let (mut lambda, mut growth) = (limits.damping, 2.0);
         let ended = |outcome, iterations, cost| Ok(Minimised { outcome, iterations, cost });
         let mut cost = f64::INFINITY;
+        let mut weighting = *weighting;
         for iteration in 1..=limits.iterations {
-            let equations = self.system.eliminate(self.model, &self.layout, weighting, state, lambda);
+            let equations = self.system.eliminate(self.model, &self.layout, &weighting, state, lambda);
             cost = equations.cost;
             let settled = equations.gradient_max() <= 1e-6 * (1.0 + cost);
             let step = self.solve(equations)?;
-            let moved = move_points::step(self.model, &self.layout, weighting, state, &step, lambda);
+            let moved = move_points::step(self.model, &self.layout, &weighting, state, &step, lambda);
             let decrease = cost - moved.cost;
             let gain = decrease / moved.predicted;
             if decrease > 0.0 && gain > 1e-3 {
                 *state = moved.state;
                 lambda = (lambda * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(LAMBDA_MIN);
                 growth = 2.0;
+                weighting.curved = decrease <= NEAR * cost;
                 if decrease <= limits.decrease * cost {
                     return ended(super::Outcome::Converged, iteration, moved.cost);
                 }
                 cost = moved.cost;
+            } else if std::mem::replace(&mut weighting.curved, false) {
+                // The same again with the weights.
             } else if moved.predicted <= KINKS * limits.decrease * cost {
                 return ended(super::Outcome::Converged, iteration, cost);
             } else {

@@ -56,7 +56,7 @@ fn point_cost<M: Model<C, K>, const C: usize, const K: usize>(
 ) -> f64 {
     let seen = model.tracks().of(index).iter();
     let prior = model.point_prior(estimate, point).map_or(0.0, |prior| 0.5 * prior.residual * prior.residual);
-    prior + seen.map(|seen| weighting.at(model.residual(estimate, point, seen).as_ref()).0).sum::<f64>()
+    prior + seen.map(|seen| weighting.cost(model.residual(estimate, point, seen).as_ref())).sum::<f64>()
 }
 
 /// Takes the step.
@@ -118,13 +118,13 @@ fn point_sums<M: Model<C, K>, const C: usize, const K: usize>(
     let mut sums = PointSums::ZERO;
     let mut gradient = Vector3::zeros();
     for seen in model.tracks().of(index) {
-        let Some(sight) = model.sight(estimate, point, seen) else { continue };
-        let weight = weighting.at(Some(&sight.residual)).1;
-        let by_point = sight.by_point * weight;
+        let Some(mut sight) = model.sight(estimate, point, seen) else { continue };
+        weighting.whiten(&mut sight);
         let moved = sight.residual + sight.by_camera * cameras[seen.photo as usize] + sight.by_shared * shared;
-        sums.own += by_point.transpose() * sight.by_point;
-        sums.gradient += by_point.transpose() * moved;
-        gradient += by_point.transpose() * sight.residual;
+        let slope = sight.by_point.transpose();
+        sums.own += slope * sight.by_point;
+        sums.gradient += slope * moved;
+        gradient += slope * sight.residual;
     }
     if let Some(prior) = model.point_prior(estimate, point) {
         let slope = prior.by_point.transpose();
