@@ -287,8 +287,8 @@ fn a_wall_that_is_its_section_is_measured_flat() {
     let known_m2 = sizes_m.len() as f64 * (report.cell_mm * 1e-3).powi(2);
     assert!((known_m2 - report.known_area_m2).abs() < 0.01 && known_m2 > 25.0, "{known_m2} {report:?}");
     let [median_m, usual_m] = [50, 95].map(|percent| sizes_m[sizes_m.len() * percent / 100]);
-    // The tail lies where views are steep or tiles repeat (14 mm); the sweep is not yet careful enough there.
-    assert!(median_m < 0.0015 && usual_m < 0.02, "median {median_m} m, 95 % below {usual_m} m: {report:?}");
+    // Where views are steep or tiles repeat.
+    assert!(median_m < 0.0015 && usual_m < 0.008, "median {median_m} m, 95 % below {usual_m} m: {report:?}");
 }
 
 #[test]
