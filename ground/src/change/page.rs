@@ -97,7 +97,7 @@ fn heights(page: &mut String, map: &HeightMap, changes: &[ReliefChange]) -> Resu
         page,
         "<h2>Height</h2>\n<p>Later less earlier height of the wall, laid out as above, less its mean over 1.4 m: \
          <span class=\"d\">come in</span>, <span class=\"b\">gone back</span>, full colour from {:.0} mm. Grey: not known to \
-         both.</p>\n<img alt=\"map of heights\" style=\"width:100%\" src=\"{}\">\n<table><tr><th>x</th><th>o'clock</th><th>area\
+         both.</p>\n<img alt=\"map of heights\" src=\"{}\">\n<table><tr><th>x</th><th>o'clock</th><th>area\
          </th><th>mean</th></tr>",
         full_m * 1e3,
         jpeg_address(&rgb, [width, height], ColorType::Rgb)?
