@@ -36,6 +36,9 @@ impl Mips {
             let (finer, coarser) = mips.levels.split_at_mut(octave);
             known.push(coarser[0].average_known(&finer[octave - 1], &known[octave - 1]));
         }
+        if let (Some(coarsest), Some(known)) = (mips.levels.last_mut(), known.last()) {
+            coarsest.fill_with_mean(known);
+        }
         for octave in (1..mips.levels.len()).rev() {
             let (finer, coarser) = mips.levels.split_at_mut(octave);
             finer[octave - 1].fill_unknown(&known[octave - 1], &coarser[0]);
@@ -130,6 +133,19 @@ impl Level {
             }
         }
         known_here
+    }
+
+    /// Gives unknown pixels the mean colour of the known ones.
+    fn fill_with_mean(&mut self, known: &[bool]) {
+        let count = known.iter().filter(|known| **known).count().max(1);
+        for channel in 0..3 {
+            let values = known.iter().enumerate().filter(|(_, known)| **known);
+            let sum: usize = values.map(|(at, _)| usize::from(self.data[at * 3 + channel])).sum();
+            let mean = ((sum + count / 2) / count) as u8;
+            for at in (0..known.len()).filter(|&at| !known[at]) {
+                self.data[at * 3 + channel] = mean;
+            }
+        }
     }
 
     /// Gives unknown pixels the colours of a coarser level.
