@@ -82,6 +82,10 @@ struct SurveyArguments {
     /// Seed of everything that happens by chance.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// A later flight, with this seed, through the tunnel of --seed, where a bulge and a stain have come up since: a pair for
+    /// `adit compare`.
+    #[arg(long, value_name = "SEED")]
+    later: Option<u64>,
     /// Width of the photos in pixels; height and lens follow.
     #[arg(long, default_value_t = WIDTH_PX, value_parser = clap::value_parser!(u32).range(40..=8000))]
     width_px: u32,
@@ -187,6 +191,7 @@ fn survey(arguments: &SurveyArguments) -> Result<()> {
     let options = SetOptions {
         kind: arguments.kind,
         seed: arguments.seed,
+        later: arguments.later,
         photos: arguments.photos,
         width_px: arguments.width_px,
         texture: !arguments.no_texture,

@@ -35,8 +35,12 @@ fn column(file: &Path, name: &str) -> Vec<Option<f64>> {
 
 /// A set of tiny photos without the true texture.
 fn small(kind: SetKind, photos: u32, seed: u64) -> tempfile::TempDir {
+    flown(kind, photos, seed, None)
+}
+
+fn flown(kind: SetKind, photos: u32, seed: u64, later: Option<u64>) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
-    let options = SetOptions { kind, seed, photos: Some(photos), width_px: 40, texture: false };
+    let options = SetOptions { kind, seed, later, photos: Some(photos), width_px: 40, texture: false };
     make_set(folder.path(), &options, &|_| {}).expect("the set is made");
     folder
 }
@@ -138,6 +142,32 @@ fn an_imperfect_tunnel_is_a_percent_larger_than_its_survey_says() {
     let ranges_m: Vec<f64> = columns.iter().flat_map(|name| column(&tags, name)).flatten().collect();
     let mean_m = ranges_m.iter().sum::<f64>() / ranges_m.len() as f64;
     assert!((mean_m - 3.03).abs() < 0.015, "{mean_m}");
+}
+
+/// The truth's heights at a place, millimetres.
+fn true_height_mm(folder: &Path, s_m: f64, x_m: f64) -> f32 {
+    let json = std::fs::read_to_string(folder.join("truth/relief.json")).expect("relief.json");
+    let grid: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let number = |key: &str| grid[key].as_f64().expect("a number");
+    let cell_m = number("mm_per_px") * 1e-3;
+    let (column, row) = ((s_m - number("s0_m")) / cell_m, (x_m - number("x0_m")) / cell_m);
+    let at = row as usize * number("width_px") as usize + column as usize;
+    let bytes = std::fs::read(folder.join("truth/relief.f32")).expect("relief.f32");
+    f32::from_le_bytes(bytes.as_chunks::<4>().0[at]) * 1e3
+}
+
+#[test]
+fn a_later_flight_meets_the_same_tunnel_with_a_bulge_more() {
+    let (first, later) = (flown(SetKind::Imperfect, 40, 2, None), flown(SetKind::Imperfect, 40, 2, Some(9)));
+    let poses = |folder: &tempfile::TempDir| std::fs::read(folder.path().join("truth/poses.csv")).expect("poses");
+    assert_ne!(poses(&first), poses(&later));
+    let json = std::fs::read_to_string(later.path().join("truth/set.json")).expect("set.json");
+    let set: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let bulge = &set["later"][1]["bulge"];
+    let (s_m, x_m) = (bulge["s_m"].as_f64().expect("s"), bulge["x_m"].as_f64().expect("x"));
+    let grown_mm = |s_m: f64, x_m: f64| true_height_mm(later.path(), s_m, x_m) - true_height_mm(first.path(), s_m, x_m);
+    assert!((grown_mm(s_m, x_m) - 30.0).abs() < 1.0, "{}", grown_mm(s_m, x_m));
+    assert!(grown_mm(s_m + 2.0, x_m).abs() < 0.5, "{}", grown_mm(s_m + 2.0, x_m));
 }
 
 #[test]

@@ -47,7 +47,7 @@ const DAMPING: f64 = 1e-8;
 /// Each wider scale of the loss: as far as the next one needs.
 const WIDER: Limits = Limits { iterations: 6, decrease: 1e-3, damping: DAMPING };
 /// Final stage of an adjustment.
-const LIMITS: Limits = Limits { iterations: 40, decrease: 1e-8, damping: DAMPING };
+const LIMITS: Limits = Limits { iterations: 40, decrease: 1e-6, damping: DAMPING };
 /// Final stage of one that others follow.
 const ROUGH: Limits = Limits { decrease: 1e-4, ..LIMITS };
 

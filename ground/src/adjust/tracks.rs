@@ -38,6 +38,15 @@ impl Tracks {
         self.ends.extend(other.ends.iter().map(|end| before + end));
     }
 
+    /// Makes room for `factor` times as many points and images as there are, so that a long survey does not hold them twice
+    /// while they grow.
+    pub(crate) fn reserve_times(&mut self, factor: f64) {
+        let more = |len: usize| ((factor * len as f64) as usize).saturating_sub(len);
+        self.positions.reserve_exact(more(self.positions.len()));
+        self.ends.reserve_exact(more(self.ends.len()));
+        self.observations.reserve_exact(more(self.observations.len()));
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.positions.len()

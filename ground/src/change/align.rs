@@ -10,6 +10,7 @@ use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
 
 use super::error::ChangeError;
+use super::rows::Rows;
 use super::wall::{Band, Wall};
 use crate::adjust::median;
 use crate::evaluate::Patch;
@@ -98,35 +99,15 @@ impl Normalised {
         let rows = ((wall.extent_m[1] - wall.extent_m[0]) / COARSE_M).floor().max(1.0) as usize;
         let step_s_m = wall.perimeter_m / columns as f64;
         let place = |index: usize, count: f64| (index as f64 + 0.5) * count;
-        let grey: Vec<f32> = (0..rows * columns)
-            .into_par_iter()
-            .map(|index| {
-                let (column, row) = (index % columns, index / columns);
-                band.sample(place(column, step_s_m), wall.extent_m[0] + place(row, COARSE_M))
-            })
-            .collect();
-        let normalise = |index: usize| {
-            let here = grey[index];
-            if here.is_nan() {
-                return (0.0, 0.0);
-            }
-            let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-            let (column, row) = (index % columns, index / columns);
-            for other in row.saturating_sub(COARSE_WINDOW)..(row + COARSE_WINDOW + 1).min(rows) {
-                for offset in 0..=2 * COARSE_WINDOW {
-                    let value = grey[other * columns + (column + columns * 2 + offset - COARSE_WINDOW) % columns];
-                    if !value.is_nan() {
-                        n += 1.0;
-                        sum += value;
-                        squares += value * value;
-                    }
-                }
-            }
-            let mean: f32 = sum / n;
-            let deviation = (squares / n - mean * mean).max(0.0).sqrt();
-            ((here - mean) / (deviation + 1.0), 1.0)
-        };
-        let (value, weight) = (0..grey.len()).into_par_iter().map(normalise).unzip();
+        let grey = Rows::from_fn(columns, 0..rows, |column, row| {
+            band.sample(place(column, step_s_m), wall.extent_m[0] + place(row, COARSE_M))
+        });
+        let weight = grey.data.iter().map(|grey| if grey.is_nan() { 0.0 } else { 1.0 }).collect();
+        let mean = grey.mean(COARSE_WINDOW);
+        let centred = grey.map(&mean, |grey, mean| grey - mean);
+        let squares = centred.map(&centred, |a, b| a * b).mean(COARSE_WINDOW);
+        let evened = centred.map(&squares, |value, square| value / (square.sqrt() + 1.0));
+        let value = evened.data.into_iter().map(|value| if value.is_nan() { 0.0 } else { value }).collect();
         Ok(Self { rows, value, weight })
     }
 

@@ -8,6 +8,7 @@
 use rayon::prelude::*;
 
 use super::align::ShiftField;
+use super::rows::Rows;
 use super::wall::Band;
 use crate::adjust::median;
 
@@ -30,8 +31,8 @@ pub(super) struct Run {
     /// Row of the common grid, from A's first.
     pub(super) row: usize,
     pub(super) columns: [usize; 2],
-    /// Sum over its texels of B less A in grey levels of A's exposure.
-    pub(super) grey_sum: f64,
+    /// Sum over its texels of B less A: grey levels of A's exposure, or millimetres of height.
+    pub(super) sum: f64,
 }
 
 /// The grid on which walls are compared: A's, at one resolution.
@@ -53,79 +54,6 @@ impl CommonGrid {
     pub(super) fn margin(&self) -> usize {
         (WINDOW_M / self.step_m).ceil() as usize + FAINT_WINDOW
     }
-}
-
-/// Values on rows of the common grid, once around; NaN where not seen.
-struct Rows {
-    columns: usize,
-    data: Vec<f32>,
-}
-
-impl Rows {
-    fn from_fn(grid: &CommonGrid, rows: std::ops::Range<usize>, value: impl Fn(usize, usize) -> f32 + Sync) -> Self {
-        let data = rows
-            .into_par_iter()
-            .flat_map_iter(|row| {
-                let value = &value;
-                (0..grid.columns).map(move |column| value(column, row))
-            })
-            .collect();
-        Self { columns: grid.columns, data }
-    }
-
-    fn rows(&self) -> usize {
-        self.data.len() / self.columns
-    }
-
-    fn map(&self, other: &Self, f: impl Fn(f32, f32) -> f32 + Sync) -> Self {
-        let data = self.data.par_iter().zip(&other.data).map(|(a, b)| f(*a, *b)).collect();
-        Self { columns: self.columns, data }
-    }
-
-    /// Mean of the seen values within `reach` texels, around the wall; NaN where the middle is not seen.
-    fn mean(&self, reach: usize) -> Self {
-        self.mean_without(reach, &[])
-    }
-
-    /// The same over the values that are not skipped (none are if `skipped` is empty).
-    fn mean_without(&self, reach: usize, skipped: &[bool]) -> Self {
-        let (columns, rows) = (self.columns, self.rows());
-        let along: Vec<[f32; 2]> = (0..rows)
-            .into_par_iter()
-            .flat_map_iter(|row| {
-                let line = &self.data[row * columns..(row + 1) * columns];
-                let term = move |column: usize| {
-                    let value = line[column % columns];
-                    let skip = skipped.get(row * columns + column % columns).is_some_and(|&skip| skip);
-                    if skip || value.is_nan() { [0.0, 0.0] } else { [value, 1.0] }
-                };
-                let reach = reach.min((columns - 1) / 2);
-                let mut sum = (0..2 * reach).map(|offset| term(columns + offset - reach)).fold([0.0; 2], add);
-                (0..columns).map(move |column| {
-                    sum = add(sum, term(column + reach));
-                    let here = sum;
-                    let gone = term(column + columns - reach);
-                    sum = [sum[0] - gone[0], sum[1] - gone[1]];
-                    here
-                })
-            })
-            .collect();
-        let column_mean = |index: usize| {
-            let (row, column) = (index / columns, index % columns);
-            if self.data[index].is_nan() {
-                return f32::NAN;
-            }
-            let near = row.saturating_sub(reach)..(row + reach + 1).min(rows);
-            let [sum, count] = near.map(|row| along[row * columns + column]).fold([0.0; 2], add);
-            sum / count
-        };
-        let data = (0..self.data.len()).into_par_iter().map(column_mean).collect();
-        Self { columns, data }
-    }
-}
-
-fn add(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
-    [a[0] + b[0], a[1] + b[1]]
 }
 
 /// A wall with its lamp and exposure taken out.
@@ -163,11 +91,11 @@ pub(super) fn changes(
 ) -> BandChanges {
     let margin = grid.margin();
     let rows = wanted.start.saturating_sub(margin)..wanted.end + margin;
-    let grey_a = Rows::from_fn(grid, rows.clone(), |column, row| {
+    let grey_a = Rows::from_fn(grid.columns, rows.clone(), |column, row| {
         let [s_m, x_m] = grid.place(column, row);
         a.sample(s_m, x_m)
     });
-    let grey_b = Rows::from_fn(grid, rows.clone(), |column, row| {
+    let grey_b = Rows::from_fn(grid.columns, rows.clone(), |column, row| {
         let [s_m, x_m] = grid.place(column, row);
         let [s_m, x_m] = field.place_in_b(s_m, x_m);
         b.sample(s_m, x_m)
@@ -238,9 +166,9 @@ impl Compared {
                     }
                 }
                 if self.is_changed(index) {
-                    let run = open.get_or_insert(Run { row, columns: [column, column], grey_sum: 0.0 });
+                    let run = open.get_or_insert(Run { row, columns: [column, column], sum: 0.0 });
                     run.columns[1] = column;
-                    run.grey_sum += f64::from(here * self.walls[0].deviation.data[index]);
+                    run.sum += f64::from(here * self.walls[0].deviation.data[index]);
                 } else {
                     found.runs.extend(open.take());
                 }

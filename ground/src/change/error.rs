@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::surface::SurfaceError;
 use crate::texture::TextureError;
 
 /// Why two surveys cannot be compared.
@@ -11,6 +12,9 @@ pub enum ChangeError {
     /// A panorama cannot be read.
     #[error(transparent)]
     Texture(#[from] TextureError),
+    /// A measured wall cannot be read.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
     /// The sections differ by more than a reconstruction's scale may.
     #[error("{} is {a_m:.3} m around, {} {b_m:.3} m: these are not surveys of one tunnel", a.display(), b.display())]
     Sections {

@@ -1,13 +1,15 @@
 //! `adit compare`: two surveys of the same tunnel laid over each other, and what has changed in between.
 //!
-//! A first change detection: it shows where to look. Appearance only; water, shadows of the vehicle and a lamp in another place look
-//! like changes too, and a change smaller than a few texels of the chosen resolution does not show.
+//! A first change detection: it shows where to look, in appearance and in height. Water, shadows of the vehicle and a lamp in another
+//! place look like changes too, and a change smaller than a few texels of the chosen resolution does not show.
 
 mod align;
 mod difference;
 mod error;
+mod heights;
 mod page;
 mod regions;
+mod rows;
 mod wall;
 
 use std::fmt;
@@ -21,8 +23,10 @@ use align::{LEAST_CORRELATION, PATCH_M, ShiftField, common_offset, patch_shifts}
 use difference::{BandChanges, CommonGrid, changes};
 pub use error::ChangeError;
 use error::writing;
-pub use regions::Change;
+pub use heights::ReliefComparison;
+use heights::compare_heights;
 use regions::regions;
+pub use regions::{Change, Region, ReliefChange};
 use wall::Wall;
 
 /// Largest difference of the perimeters: sizes by ranges are known to a percent.
@@ -71,8 +75,10 @@ pub struct ChangeReport {
     pub compared_m2: f64,
     /// Correlation of both walls where they lie over each other, at the comparison's resolution.
     pub correlation: f64,
-    /// What has changed, the largest first.
+    /// What looks different, the largest first.
     pub changes: Vec<Change>,
+    /// What has come in or gone back; absent where either survey has no measured wall.
+    pub relief: Option<ReliefComparison>,
 }
 
 /// Compares the reconstructions in the folders `a` (earlier) and `b` (later): writes compare.json and compare.html into `out`.
@@ -129,6 +135,9 @@ pub fn compare(
         correlation += one.correlation * one.compared as f64;
         progress(bands + band + 1, 2 * bands);
     }
+    let heights = compare_heights([&a, &b], [x0_m, x1_m], &field)?;
+    let (relief, map) = heights.map_or((None, None), |(relief, map)| (Some(relief), Some(map)));
+    let changes = regions(&grid, &a.profile, &runs, options.least_cm2);
     let report = ChangeReport {
         format: 1,
         a: a_folder.to_owned(),
@@ -142,9 +151,12 @@ pub fn compare(
         patches: field.patches,
         compared_m2: compared as f64 * step_m * step_m,
         correlation: correlation / compared.max(1) as f64,
-        changes: regions(&grid, &a.profile, &runs, options.least_cm2),
+        changes: changes.into_iter().map(|(region, grey)| Change { region, grey }).collect(),
+        relief,
     };
-    write(&report, &both, &grid, &field, &runs, rows, out)?;
+    let page =
+        page::Page { report: &report, both: &both, grid: &grid, field: &field, runs: &runs, rows, map: map.as_ref() };
+    write(&report, &page, out)?;
     Ok(report)
 }
 
@@ -165,21 +177,12 @@ impl Both<'_> {
     }
 }
 
-fn write(
-    report: &ChangeReport,
-    both: &Both<'_>,
-    grid: &CommonGrid,
-    field: &ShiftField,
-    runs: &[difference::Run],
-    rows: usize,
-    out: &Path,
-) -> Result<(), ChangeError> {
+fn write(report: &ChangeReport, page: &page::Page<'_>, out: &Path) -> Result<(), ChangeError> {
     fs::create_dir_all(out).map_err(writing(out))?;
     let path = out.join("compare.json");
     write_whole(&path, &serde_json::to_vec_pretty(report)?).map_err(writing(&path))?;
-    let page = page::page(report, both, grid, field, runs, rows)?;
     let path = out.join("compare.html");
-    write_whole(&path, page.as_bytes()).map_err(writing(&path))
+    write_whole(&path, page.html()?.as_bytes()).map_err(writing(&path))
 }
 
 impl fmt::Display for ChangeReport {
@@ -191,13 +194,18 @@ impl fmt::Display for ChangeReport {
         writeln!(out, "compared            {:.1} m2 at {:.1} mm", self.compared_m2, self.mm_per_px)?;
         writeln!(out, "correlation         {:.3}", self.correlation)?;
         writeln!(out, "changes             {}", self.changes.len())?;
-        for change in &self.changes {
-            let what = if change.grey < 0.0 { "darker" } else { "brighter" };
-            writeln!(
-                out,
-                "  {:7.2} to {:7.2} m, {:4.1} to {:4.1} o'clock  {:7.1} cm2  {:+4.0} grey levels ({what})",
-                change.x_from_m, change.x_to_m, change.clock_from, change.clock_to, change.area_cm2, change.grey
-            )?;
+        for Change { region, grey } in &self.changes {
+            let what = if *grey < 0.0 { "darker" } else { "brighter" };
+            writeln!(out, "  {region}  {grey:+4.0} grey levels ({what})")?;
+        }
+        if let Some(relief) = &self.relief {
+            let (area_m2, sigma_mm) = (relief.compared_m2, relief.sigma_mm);
+            writeln!(out, "heights compared    {area_m2:.1} m2, within {sigma_mm:.2} mm (one standard deviation)")?;
+            writeln!(out, "changes of height   {}", relief.changes.len())?;
+            for ReliefChange { region, height_mm } in &relief.changes {
+                let what = if *height_mm < 0.0 { "gone back" } else { "come in" };
+                writeln!(out, "  {region}  {height_mm:+5.1} mm in the mean ({what})")?;
+            }
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! From changed texels to changes: what hangs together, how large it is, and where.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use adit_geometry::profile::Profile;
 use serde::Serialize;
@@ -12,9 +13,9 @@ use crate::texture::clock_position;
 /// Texels that may lie between two parts of one change.
 const GAP: usize = 3;
 
-/// A part of the wall that looks different in the later survey; places are the earlier survey's.
+/// A part of the wall; places are the earlier survey's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Change {
+pub struct Region {
     /// Along the axis, from.
     pub x_from_m: f64,
     /// Along the axis, to.
@@ -29,25 +30,55 @@ pub struct Change {
     pub clock_to: f64,
     /// Area of what has changed, without what it surrounds.
     pub area_cm2: f64,
+}
+
+impl fmt::Display for Region {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            out,
+            "{:7.2} to {:7.2} m, {:4.1} to {:4.1} o'clock  {:7.1} cm2",
+            self.x_from_m, self.x_to_m, self.clock_from, self.clock_to, self.area_cm2
+        )
+    }
+}
+
+/// A part of the wall that looks different in the later survey.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Change {
+    /// Where.
+    #[serde(flatten)]
+    pub region: Region,
     /// Mean brightness of the later survey less the earlier one's, grey levels of the earlier one's exposure.
     pub grey: f64,
 }
 
-/// Joins runs into changes, the largest first; those smaller than `least_cm2` are left out unless they are long and thin.
-pub(super) fn regions(grid: &CommonGrid, profile: &Profile<f64>, runs: &[Run], least_cm2: f64) -> Vec<Change> {
+/// A part of the wall that has come in or gone back.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ReliefChange {
+    /// Where.
+    #[serde(flatten)]
+    pub region: Region,
+    /// Mean height of the later survey less the earlier one's, positive inwards (towards the axis).
+    pub height_mm: f64,
+}
+
+/// Joins runs into regions, the largest first, each with the mean of its texels' differences; those smaller than `least_cm2`
+/// are left out unless they are long and thin.
+pub(super) fn regions(grid: &CommonGrid, profile: &Profile<f64>, runs: &[Run], least_cm2: f64) -> Vec<(Region, f64)> {
     let mut groups = Groups::new(runs.len());
     join(grid, runs, &mut groups);
     let mut members: BTreeMap<usize, Vec<&Run>> = BTreeMap::new();
     for (index, run) in runs.iter().enumerate() {
         members.entry(groups.root(index)).or_default().push(run);
     }
-    let mut changes: Vec<Change> = members.values().map(|runs| change(grid, profile, runs)).collect();
-    let long_m = |change: &Change| (change.x_to_m - change.x_from_m).max(change.s_to_m - change.s_from_m);
+    let mut regions: Vec<(Region, f64)> = members.values().map(|runs| region(grid, profile, runs)).collect();
+    let long_m = |region: &Region| (region.x_to_m - region.x_from_m).max(region.s_to_m - region.s_from_m);
     // A crack of a millimetre and a hand's length.
-    changes
-        .retain(|change| change.area_cm2 >= least_cm2 || change.area_cm2 >= 0.3 * least_cm2 && long_m(change) >= 0.1);
-    changes.sort_by(|a, b| b.area_cm2.total_cmp(&a.area_cm2).then(a.x_from_m.total_cmp(&b.x_from_m)));
-    changes
+    regions.retain(|(region, _)| {
+        region.area_cm2 >= least_cm2 || region.area_cm2 >= 0.3 * least_cm2 && long_m(region) >= 0.1
+    });
+    regions.sort_by(|(a, _), (b, _)| b.area_cm2.total_cmp(&a.area_cm2).then(a.x_from_m.total_cmp(&b.x_from_m)));
+    regions
 }
 
 /// Runs are sorted by row, then column.
@@ -72,7 +103,7 @@ fn join(grid: &CommonGrid, runs: &[Run], groups: &mut Groups) {
     }
 }
 
-fn change(grid: &CommonGrid, profile: &Profile<f64>, runs: &[&Run]) -> Change {
+fn region(grid: &CommonGrid, profile: &Profile<f64>, runs: &[&Run]) -> (Region, f64) {
     let rows = runs.iter().map(|run| run.row);
     let (low, high) = (rows.clone().min().unwrap_or(0), rows.max().unwrap_or(0));
     // Columns counted from the first run's, the short way round.
@@ -86,7 +117,7 @@ fn change(grid: &CommonGrid, profile: &Profile<f64>, runs: &[&Run]) -> Change {
     let edge_m = |column: i64| column as f64 * grid.step_m;
     let (s_from_m, s_to_m) = (edge_m(start), edge_m(start + to - from));
     let texels: usize = runs.iter().map(|run| run.columns[1] - run.columns[0] + 1).sum();
-    Change {
+    let region = Region {
         x_from_m: grid.x0_m + low as f64 * grid.step_m,
         x_to_m: grid.x0_m + (high + 1) as f64 * grid.step_m,
         s_from_m,
@@ -94,6 +125,6 @@ fn change(grid: &CommonGrid, profile: &Profile<f64>, runs: &[&Run]) -> Change {
         clock_from: clock_position(profile, s_from_m),
         clock_to: clock_position(profile, s_to_m.rem_euclid(grid.perimeter_m)),
         area_cm2: texels as f64 * grid.step_m * grid.step_m * 1e4,
-        grey: runs.iter().map(|run| run.grey_sum).sum::<f64>() / texels.max(1) as f64,
-    }
+    };
+    (region, runs.iter().map(|run| run.sum).sum::<f64>() / texels.max(1) as f64)
 }

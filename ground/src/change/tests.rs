@@ -80,10 +80,13 @@ fn a_stain_and_a_crack_are_found_where_they_are_and_nothing_else_is() {
     assert!(report.correlation > 0.9 && 2 * report.patches_found > report.patches, "{report}");
     let [stain, crack] = report.changes[..] else { panic!("two changes are expected: {report}") };
     let near = |value: f64, expected: f64| (value - expected).abs() < 0.015;
-    assert!(near(stain.x_from_m, 1.94) && near(stain.x_to_m, 2.06), "{report}");
-    assert!(near(stain.s_from_m, 0.94) && near(stain.s_to_m, 1.06) && stain.grey < 0.0, "{report}");
-    assert!((stain.area_cm2 - 113.0).abs() < 25.0, "{report}");
-    assert!(near(crack.s_from_m, 2.0) && near(crack.s_to_m, 2.5) && near(crack.x_from_m, 3.196), "{report}");
+    assert!(near(stain.region.x_from_m, 1.94) && near(stain.region.x_to_m, 2.06), "{report}");
+    assert!(near(stain.region.s_from_m, 0.94) && near(stain.region.s_to_m, 1.06) && stain.grey < 0.0, "{report}");
+    assert!((stain.region.area_cm2 - 113.0).abs() < 25.0, "{report}");
+    assert!(
+        near(crack.region.s_from_m, 2.0) && near(crack.region.s_to_m, 2.5) && near(crack.region.x_from_m, 3.196),
+        "{report}"
+    );
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::path::Path;
 use adit_geometry::profile::Profile;
 
 use super::error::ChangeError;
+use crate::surface::SurfaceStore;
 use crate::texture::{Panorama, PixelBox, TileReader};
 
 /// Weights of red, green and blue in a grey value (ITU-R BT.601).
@@ -16,6 +17,8 @@ pub(super) struct Wall {
     pub(super) perimeter_m: f64,
     /// Along the axis, metres.
     pub(super) extent_m: [f64; 2],
+    /// Its heights; absent where photos were not matched.
+    pub(super) surface: Option<SurfaceStore>,
     reader: TileReader,
     s0_m: f64,
     texel_m: f64,
@@ -41,7 +44,9 @@ impl Wall {
         let reader = TileReader::new(&out.join("panorama/tiles"), grid.width_px, grid.height_px);
         let extent_m = [grid.x0_m, grid.x_m(grid.height_px as f64)];
         let perimeter_m = profile.perimeter_m();
-        Ok(Self { profile, perimeter_m, extent_m, reader, s0_m: grid.s0_m, texel_m: grid.texel_m() })
+        let measured = out.join("surface/surface.json").is_file();
+        let surface = measured.then(|| SurfaceStore::open(out)).transpose()?;
+        Ok(Self { profile, perimeter_m, extent_m, surface, reader, s0_m: grid.s0_m, texel_m: grid.texel_m() })
     }
 
     /// Texel of the finest level that is not finer than `step_m`, or of the full resolution where that is coarser.

@@ -9,14 +9,17 @@ use clap::Args;
 
 use super::{Answer, Common, positive, print};
 
-/// Compare two surveys of the same tunnel: what looks different in the later one.
+/// Compare two surveys of the same tunnel: what has changed in looks and in height.
 ///
 /// Lays the later panorama over the earlier one (odometers start elsewhere, rolls differ, sections differ a little), takes
 /// lamp and exposure out of both, and lists every part of the wall that differs by more than noise and misfit explain:
 /// distance, clock position, area, darker or brighter. Writes compare.json and compare.html (a map and the largest
 /// changes side by side).
 ///
-/// It compares what the wall looks like. Water, dirt and shadows are changes too; look at the pictures.
+/// Where both surveys measured the wall, it lists what has come in or gone back by more than their noise as well (6 mm at
+/// least, a palm's size); what a section does as a whole is not compared.
+///
+/// Water, dirt and shadows look like changes too; look at the pictures.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  adit compare 2025-05/survey 2026-05/survey\n  \
     adit compare old new --mm-per-px 2 --least-cm2 2 --out changes")]

@@ -5,12 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use jpeg_encoder::{ColorType, Encoder};
+use jpeg_encoder::ColorType;
 
 use super::{Comparison, PairKind, PairResult};
 use crate::files::write_whole;
+use crate::report::jpeg_address;
 use crate::survey::{Size, Survey, decode_rgb};
 
 /// Most matches drawn per strategy: more make one green surface.
@@ -18,8 +17,6 @@ const DRAWN: usize = 400;
 
 /// Longest side of an embedded photo, pixels.
 const LONGEST_PX: usize = 1000;
-
-const QUALITY: u8 = 80;
 
 /// Writes `comparison.html` (one file, no script, nothing loaded) into `folder` and returns its path.
 ///
@@ -59,7 +56,7 @@ fn pair(page: &mut String, survey: &Survey, photos: [usize; 2], results: &[&Pair
         let data = embedded(&survey.photos[photo].path, Size { width_px: width, height_px: height })?;
         let _ = writeln!(
             page,
-            "<image id=\"p{}-{}\" width=\"{width}\" height=\"{height}\" href=\"data:image/jpeg;base64,{data}\"/>",
+            "<image id=\"p{}-{}\" width=\"{width}\" height=\"{height}\" href=\"{data}\"/>",
             photos[0], photo
         );
     }
@@ -91,7 +88,7 @@ fn pair(page: &mut String, survey: &Survey, photos: [usize; 2], results: &[&Pair
     Ok(())
 }
 
-/// A photo as base64 of a JPEG of at most [`LONGEST_PX`].
+/// A photo of at most [`LONGEST_PX`] as a data address.
 fn embedded(path: &Path, size: Size) -> Result<String> {
     let photo = decode_rgb(path, size)?;
     let stride = photo.width.max(photo.height).div_ceil(LONGEST_PX).max(1);
@@ -102,7 +99,5 @@ fn embedded(path: &Path, size: Size) -> Result<String> {
             rgb.extend(photo.at(column * stride, row * stride));
         }
     }
-    let mut jpeg = Vec::new();
-    Encoder::new(&mut jpeg, QUALITY).encode(&rgb, width as u16, height as u16, ColorType::Rgb)?;
-    Ok(STANDARD.encode(jpeg))
+    Ok(jpeg_address(&rgb, [width, height], ColorType::Rgb)?)
 }

@@ -16,12 +16,13 @@ const CELL_M: f64 = 0.05;
 /// A wall point hidden by less than this (the wall's own curvature on the way to it) counts as visible.
 const HIDDEN_M: f64 = 0.01;
 
-/// Coverage by the true poses, in cells of 5 cm, judged at their centres.
+/// Coverage by the true poses, in cells of 5 cm, judged at their centres. A photo sees a place if all four pixels that it lies
+/// between are in the photo and outside its mask.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CoverageEvaluation {
     /// Cells on the stretch of the wall that the panorama spans.
     pub cells: usize,
-    /// Of these, seen by at least one photo outside its mask.
+    /// Of these, seen by at least one photo.
     pub seen: usize,
     /// Of the seen ones, coloured.
     pub coloured: usize,
@@ -29,17 +30,25 @@ pub struct CoverageEvaluation {
     pub coloured_percent: f64,
 }
 
-/// Counts seen and coloured cells.
+/// Counts seen and coloured cells. `ours_from_truth` says where the panorama has what is true: off by a millimetre, the last
+/// row of cells that a photo sees would be missed.
 pub(super) fn measure_coverage(
     survey: &Survey,
     profile: &Profile<f64>,
     truth: &[PhotoPose],
     panorama: &WallImage,
+    ours_from_truth: &Isometry3<f64>,
 ) -> Result<CoverageEvaluation, MaskError> {
     let Seen { cells, photos, .. } = Seen::by(survey, profile, truth, &panorama.grid)?;
-    let seen_cells: Vec<&Cell> =
+    let seen_cells: Vec<&Point3<f64>> =
         cells.iter().zip(&photos).filter(|(_, photos)| **photos > 0).map(|(cell, _)| cell).collect();
-    let coloured = seen_cells.iter().filter(|cell| panorama.covers(cell.s_m, cell.point.x)).count();
+    let ours_per_true_m = panorama.grid.perimeter_m / profile.perimeter_m();
+    let covered = |cell: &&&Point3<f64>| {
+        let ours = ours_from_truth * **cell;
+        let nearest = profile.nearest(ours.yz().coords);
+        nearest.is_some_and(|nearest| panorama.covers(nearest.surface.s_m * ours_per_true_m, ours.x))
+    };
+    let coloured = seen_cells.iter().filter(covered).count();
     Ok(CoverageEvaluation {
         cells: cells.len(),
         seen: seen_cells.len(),
@@ -57,7 +66,7 @@ fn photo_of<'a>(survey: &'a Survey, name: &str) -> Option<&'a Photo> {
 
 /// How many photos see each cell of the wall, by the true poses.
 pub(super) struct Seen {
-    cells: Vec<Cell>,
+    cells: Vec<Point3<f64>>,
     /// Per cell, column by column.
     photos: Vec<u16>,
     x0_m: f64,
@@ -107,12 +116,8 @@ impl Seen {
     }
 }
 
-struct Cell {
-    s_m: f64,
-    point: Point3<f64>,
-}
-
-fn cells(profile: &Profile<f64>, x0_m: f64, along: usize) -> Vec<Cell> {
+/// Wall points in the middle of cells, column by column.
+fn cells(profile: &Profile<f64>, x0_m: f64, along: usize) -> Vec<Point3<f64>> {
     let around = (profile.perimeter_m() / CELL_M) as usize;
     let mut cells = Vec::with_capacity(around * along);
     for column in 0..around {
@@ -120,7 +125,7 @@ fn cells(profile: &Profile<f64>, x0_m: f64, along: usize) -> Vec<Cell> {
         let Some(surface) = profile.at(s_m) else { continue };
         for row in 0..along {
             let x_m = x0_m + (row as f64 + 0.5) * CELL_M;
-            cells.push(Cell { s_m, point: Point3::new(x_m, surface.point.x, surface.point.y) });
+            cells.push(Point3::new(x_m, surface.point.x, surface.point.y));
         }
     }
     cells
@@ -131,20 +136,28 @@ fn cells_seen(
     profile: &Profile<f64>,
     photo: &Photo,
     tunnel_from_cam: &Isometry3<f64>,
-    cells: &[Cell],
+    cells: &[Point3<f64>],
 ) -> Result<Vec<bool>, MaskError> {
     let camera = &survey.config.camera.camera;
     let size = Size { width_px: camera.width_px, height_px: camera.height_px };
     let mask: Option<Mask> = photo.mask.as_ref().map(|path| load_mask(path, size)).transpose()?;
     let cam_from_tunnel = tunnel_from_cam.inverse();
     let centre = tunnel_from_cam.translation.vector.yz();
-    let visible = |cell: &Cell| {
-        let Some(pixel) = camera.project(&(cam_from_tunnel * cell.point).coords) else { return false };
+    let visible = |cell: &Point3<f64>| {
+        let Some(pixel) = camera.project(&(cam_from_tunnel * cell).coords) else { return false };
         camera.contains(&pixel, 0.5)
-            && mask.as_ref().is_none_or(|mask| mask.at(pixel.x as usize, pixel.y as usize) != [0])
-            && !hidden(profile, centre, cell.point.yz().coords)
+            && mask.as_ref().is_none_or(|mask| around(&pixel).all(|[column, row]| mask.at(column, row) != [0]))
+            && !hidden(profile, centre, cell.yz().coords)
     };
     Ok(cells.iter().map(visible).collect())
+}
+
+/// The four pixels between whose centres a place at least half a pixel within the photo lies.
+fn around(pixel: &Vector2<f64>) -> impl Iterator<Item = [usize; 2]> {
+    let first = [pixel.x - 0.5, pixel.y - 0.5].map(|at| at as usize);
+    // On the last centres there is no next pixel.
+    let last = [pixel.x + 0.5, pixel.y + 0.5].map(|at| at.ceil() as usize - 1);
+    [first, [last[0], first[1]], [first[0], last[1]], last].into_iter()
 }
 
 /// Tells whether another part of the wall stands between.

@@ -13,12 +13,13 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use adit_geometry::profile::ProfileError;
+use nalgebra::Isometry3;
 use serde::Serialize;
 
 pub use coverage::CoverageEvaluation;
 pub(crate) use poses::compare_poses;
 pub use poses::{AlignedErrors, FrameErrors, PoseEvaluation, Spread};
-pub use relief::{HeightErrors, ReliefEvaluation, RingOvality};
+pub use relief::{ReliefEvaluation, RingOvality};
 pub(crate) use shift::Patch;
 pub use shift::ShiftEvaluation;
 pub use wall_image::{WallGrid, WallImageError};
@@ -114,7 +115,9 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
     let coverage = match &panorama {
         Some(panorama) => {
             let profile = survey.config.profile.build()?;
-            Some(coverage::measure_coverage(&survey, &profile, &truth, panorama)?)
+            let ours_from_truth =
+                relief::truth_from_ours(&ours, &truth).map_or_else(Isometry3::identity, |m| m.inverse());
+            Some(coverage::measure_coverage(&survey, &profile, &truth, panorama, &ours_from_truth)?)
         }
         None => None,
     };

@@ -16,6 +16,8 @@ pub struct Spread {
     pub rmse: f64,
     /// Median.
     pub median: f64,
+    /// 95th percentile.
+    pub p95: f64,
     /// Largest.
     pub max: f64,
 }
@@ -30,7 +32,8 @@ impl Spread {
         let upper = sizes[sizes.len() / 2];
         let median =
             if sizes.len().is_multiple_of(2) { f64::midpoint(upper, sizes[sizes.len() / 2 - 1]) } else { upper };
-        Self { rmse, median, max }
+        let p95 = sizes[((sizes.len() as f64 * 0.95) as usize).min(sizes.len() - 1)];
+        Self { rmse, median, p95, max }
     }
 }
 

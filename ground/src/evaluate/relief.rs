@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use super::coverage::Seen;
 use super::drift::mean_rotation;
+use super::poses::Spread;
 use super::wall_image::{WallGrid, WallImageError};
 use crate::adjust::median;
 use crate::poses::{PhotoPose, PoseStatus};
@@ -27,19 +28,6 @@ const PIPE_MARGIN_M: f64 = 0.2;
 const RING_M: f64 = 0.5;
 /// Rings of which a smaller share is known are left out.
 const RING_SHARE: f64 = 0.8;
-
-/// Errors of heights, without their sign.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct HeightErrors {
-    /// Root of the mean square.
-    pub rmse: f64,
-    /// Median.
-    pub median: f64,
-    /// 95 of 100 are smaller.
-    pub p95: f64,
-    /// Largest.
-    pub max: f64,
-}
 
 /// One ring of a round tunnel: largest less smallest diameter over their mean, bulges and all.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -60,17 +48,17 @@ pub struct ReliefEvaluation {
     /// Of these, places whose height is known, in percent.
     pub known_percent: f64,
     /// Known places, in the tunnel frame as it is.
-    pub absolute_mm: HeightErrors,
+    pub absolute_mm: Spread,
     /// Known places after the rigid motion that lays our photos onto the true ones.
-    pub aligned_mm: HeightErrors,
+    pub aligned_mm: Spread,
     /// The same without the constant: the wall's shape.
-    pub shape_mm: HeightErrors,
+    pub shape_mm: Spread,
     /// Median of the aligned difference, measured less true: an error of the section's size, which ranges alone tell.
     pub constant_mm: f64,
     /// All places, filled ones too, aligned.
-    pub filled_mm: HeightErrors,
+    pub filled_mm: Spread,
     /// The true heights without their median: the error of a wall that was taken for its section.
-    pub true_relief_mm: HeightErrors,
+    pub true_relief_mm: Spread,
     /// Rings of a round tunnel.
     pub rings: Vec<RingOvality>,
     /// Largest error of a ring's ovality, percent of the diameter; absent without rings.
@@ -182,15 +170,19 @@ pub(super) fn measure_relief(
     Ok(Some(ReliefEvaluation {
         places: places.len(),
         known_percent: 100.0 * aligned.len() as f64 / places.len() as f64,
-        absolute_mm: HeightErrors::of(known().filter_map(|place| place.absolute_m)),
+        absolute_mm: spread_mm(known().filter_map(|place| place.absolute_m)),
         constant_mm: constant_m * 1e3,
-        shape_mm: HeightErrors::of(aligned.iter().map(|error| error - constant_m)),
-        aligned_mm: HeightErrors::of(aligned),
-        filled_mm: HeightErrors::of(places.iter().map(|place| place.height_m - place.true_m)),
-        true_relief_mm: HeightErrors::of(places.iter().map(|place| place.true_m - true_median_m)),
+        shape_mm: spread_mm(aligned.iter().map(|error| error - constant_m)),
+        aligned_mm: spread_mm(aligned),
+        filled_mm: spread_mm(places.iter().map(|place| place.height_m - place.true_m)),
+        true_relief_mm: spread_mm(places.iter().map(|place| place.true_m - true_median_m)),
         rings,
         ovality_error_percent: worst,
     }))
+}
+
+fn spread_mm(errors_m: impl IntoIterator<Item = f64>) -> Spread {
+    Spread::of(errors_m.into_iter().map(|error_m| error_m * 1e3))
 }
 
 /// The rigid motion that lays our adjusted photos onto the true ones: mean rotation, then mean position. `None` without any.
@@ -212,17 +204,6 @@ pub(super) fn truth_from_ours(ours: &[PhotoPose], truth: &[PhotoPose]) -> Option
 fn over(profile: &Profile<f64>, point: Point3<f64>) -> Option<(f64, f64, f64)> {
     let nearest = profile.nearest(Vector2::new(point.y, point.z))?;
     Some((nearest.surface.s_m, nearest.clearance_m, point.x))
-}
-
-impl HeightErrors {
-    fn of(errors_m: impl IntoIterator<Item = f64>) -> Self {
-        let mut sizes: Vec<f64> = errors_m.into_iter().map(|error| error.abs() * 1e3).collect();
-        sizes.sort_by(f64::total_cmp);
-        let Some(&max) = sizes.last() else { return Self::default() };
-        let share = |share: f64| sizes[((sizes.len() as f64 * share) as usize).min(sizes.len() - 1)];
-        let rmse = (sizes.iter().map(|size| size * size).sum::<f64>() / sizes.len() as f64).sqrt();
-        Self { rmse, median: share(0.5), p95: share(0.95), max }
-    }
 }
 
 /// The ovality of rings of which enough is known, by least squares over the same places for both walls.

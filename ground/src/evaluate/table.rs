@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Evaluation, FrameErrors, HeightErrors, ReliefEvaluation, Spread};
+use super::{Evaluation, FrameErrors, ReliefEvaluation, Spread};
 
 /// At most so many names of photos are listed.
 const LISTED: usize = 10;
@@ -18,7 +18,7 @@ impl fmt::Display for Evaluation {
                 writeln!(out, "{label:<20}{}", shorten(names))?;
             }
         }
-        writeln!(out, "{:<20}{:>10}{:>10}{:>10}", "", "RMSE", "median", "max")?;
+        writeln!(out, "{:<20}{:>10}{:>10}{:>10}{:>10}", "", "RMSE", "median", "95 %", "max")?;
         if let Some(aligned) = &poses.aligned {
             frame(out, "aligned", &aligned.errors)?;
             writeln!(out, "{:<20}{:>+10.4} %", "  scale error", aligned.scale_error_percent)?;
@@ -74,7 +74,6 @@ fn table_of_relief(out: &mut fmt::Formatter<'_>, relief: &ReliefEvaluation) -> f
         "relief              {:.2} % known of {} places (25 mm) that two photos saw",
         relief.known_percent, relief.places
     )?;
-    writeln!(out, "{:<20}{:>10}{:>10}{:>10}{:>10}", "", "RMSE", "median", "95 %", "max")?;
     let rows = [
         ("  absolute", &relief.absolute_mm),
         ("  aligned", &relief.aligned_mm),
@@ -82,8 +81,8 @@ fn table_of_relief(out: &mut fmt::Formatter<'_>, relief: &ReliefEvaluation) -> f
         ("  filled too", &relief.filled_mm),
         ("  true relief", &relief.true_relief_mm),
     ];
-    for (label, HeightErrors { rmse, median, p95, max }) in rows {
-        writeln!(out, "{label:<20}{rmse:>10.2}{median:>10.2}{p95:>10.2}{max:>10.2} mm")?;
+    for (label, errors) in rows {
+        line(out, label, errors, "mm", 2)?;
     }
     writeln!(out, "{:<20}{:>+10.2} mm of height, from the section's size", "  constant", relief.constant_mm)?;
     if let Some(percent) = relief.ovality_error_percent {
@@ -93,8 +92,8 @@ fn table_of_relief(out: &mut fmt::Formatter<'_>, relief: &ReliefEvaluation) -> f
 }
 
 fn line(out: &mut fmt::Formatter<'_>, label: &str, spread: &Spread, unit: &str, decimals: usize) -> fmt::Result {
-    let Spread { rmse, median, max } = spread;
-    writeln!(out, "{label:<20}{rmse:>10.decimals$}{median:>10.decimals$}{max:>10.decimals$} {unit}")
+    let Spread { rmse, median, p95, max } = spread;
+    writeln!(out, "{label:<20}{rmse:>10.decimals$}{median:>10.decimals$}{p95:>10.decimals$}{max:>10.decimals$} {unit}")
 }
 
 fn shorten(names: &[String]) -> String {

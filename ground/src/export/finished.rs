@@ -10,7 +10,7 @@ use crate::model::{ModelError, TexturedWall};
 use crate::pipeline::{AdjustStage, Checkpoints, Stage};
 use crate::poses::Reconstruction;
 use crate::surface::SurfaceStore;
-use crate::texture::PanoramaGrid;
+use crate::texture::Panorama;
 
 /// A reconstruction's folder.
 pub(super) struct Finished {
@@ -40,9 +40,8 @@ impl Finished {
         if let Some(known) = self.wall.get() {
             return Ok(known);
         }
-        let path = self.out.join("panorama/panorama.json");
-        let content = self.left_by(Stage::Texture, &path)?;
-        let grid: PanoramaGrid = serde_json::from_slice(&content).map_err(|_| self.damaged(&path))?;
+        self.file("panorama/panorama.json", Stage::Texture)?;
+        let Panorama { grid, .. } = Panorama::open(&self.out)?;
         let surface = self.surface()?;
         Ok(self.wall.get_or_init(|| TexturedWall::new(surface, &grid, &self.out)))
     }

@@ -22,6 +22,9 @@ struct View {
     repeating: Option<(f64, Patch)>,
 }
 
+/// Photos from whose points the room for those of all is guessed.
+const RESERVE_AFTER: usize = 100;
+
 /// Photos as loaded so far.
 type Views = Vec<Option<Arc<View>>>;
 
@@ -100,6 +103,9 @@ pub fn match_round<P: Photos + ?Sized>(
         // In order of the photos, whatever the batches are.
         while let Some(Some(tracks)) = finished.get(next).filter(|_| next < end) {
             result.tracks.append(tracks);
+            if next == RESERVE_AFTER {
+                result.tracks.reserve_times(1.05 * poses.len() as f64 / next as f64);
+            }
             finished[next] = Some(Tracks::default());
             next += 1;
         }

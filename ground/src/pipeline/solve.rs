@@ -21,7 +21,7 @@ use super::tag_noise::TagNoise;
 use super::warnings::Judged;
 use crate::adjust::{
     Adjusted, Covariances, Loss as AdjustLoss, Observation, PhotoQuality, Problem, PruneCounts, Pruning, Shared,
-    SharedSigmas, Tracks, Weights, adjust, adjust_roughly, photo_qualities, prune, tendency,
+    SharedSigmas, Tracks, Weights, adjust, adjust_roughly, median, photo_qualities, prune, tendency,
 };
 use crate::matching::{MatchConfig, MatchRound, Photos, Pixels, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction};
@@ -43,6 +43,10 @@ const LEAST_MATCH_PX: f64 = 0.05;
 pub(super) const ROBUST: AdjustLoss = AdjustLoss::GemanMcClure(3.0);
 /// Softness of the surface: real linings are out of shape by centimetres, and points must be free to say so.
 pub(super) const SURFACE_M: f64 = 0.05;
+/// No lining is taken for truer than this.
+const LEAST_SURFACE_M: f64 = 0.005;
+/// So many points lie on the same unevenness and count as one.
+const POINTS_PER_UNEVENNESS: f64 = 20.0;
 
 /// Freedom of the section's size where the ranges contradict the nominal one: the ranges decide.
 const RESIZED_SIGMA: f64 = 0.05;
@@ -311,8 +315,10 @@ impl<'a> Solver<'a> {
         tracks.positions_mut().copy_from_slice(&first.points);
         // The matches' noise is what the first adjustment leaves (median of a two-dimensional normal: 1.18 sigma).
         let measured_px = first.report.median_after_px / 1.18;
-        let weights = Weights { pixel_px: measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX), ..weights };
         let pruned = self.prune(&mut tracks, &first)?;
+        let surface_m = unevenness_m(&tracks, &self.profile, first.shared.profile_size);
+        let pixel_px = measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX);
+        let weights = Weights { pixel_px, surface_m: surface_m.clamp(LEAST_SURFACE_M, SURFACE_M), ..weights };
         let registered = registered(&tracks, first.poses.len());
         let noise = self.tag_noise(prior, coarse, &first, &registered);
         let (tags, sigma) = self.noisier(&coarse.tags, noise);
@@ -502,6 +508,15 @@ impl Photos for ViewsPhotos<'_> {
     fn load(&self, view: usize) -> Option<Pixels<'_>> {
         self.photos.load((self.photo_of)(view))
     }
+}
+
+/// How far points are to be expected off the section, as one standard deviation of independent ones: of a wall that is true
+/// the points hold the whole reconstruction's place and tilt, which tags know to half a millimetre per metre at best.
+fn unevenness_m(tracks: &Tracks, profile: &Profile<f64>, size: f64) -> f64 {
+    let off_m = |point: &Point3<f64>| Some(profile.nearest(point.coords.yz() / size)?.clearance_m.abs() * size);
+    let off_m: Vec<f64> = tracks.positions().iter().filter_map(off_m).collect();
+    // The median size of a normal deviate is 0.67 standard deviations.
+    median(&off_m) * 1.4826 * POINTS_PER_UNEVENNESS.sqrt()
 }
 
 fn hides(mask: &Mask, [x, y]: [f32; 2]) -> bool {

@@ -1,6 +1,7 @@
 //! The report: report.json for programs, report.html (self-contained, printable) for people.
 
 mod figures;
+mod findings;
 mod flight;
 mod picture;
 mod planned;
@@ -68,6 +69,9 @@ pub enum ReportError {
     /// The figures cannot be encoded.
     #[error("report.json")]
     Json(#[from] serde_json::Error),
+    /// What an inspector marked cannot be read.
+    #[error("the findings")]
+    Findings(#[from] crate::findings::FindingsError),
     /// The page's template fails.
     #[error("the report's template")]
     Template(#[from] minijinja::Error),
@@ -87,10 +91,30 @@ struct Report<'a> {
     stages: &'a [StageReport],
     coverage: &'a crate::texture::Coverage,
     native_mm_per_px: f64,
+    resolution: &'a crate::texture::Resolution,
     texture: TextureFigures<'a>,
+    seeds: Seeds,
     warnings: Vec<Told<'a>>,
     losses: &'a [Loss],
     photo_quality: Vec<PhotoFigures<'a>>,
+}
+
+/// Where chance comes in: nothing is drawn but samples of matches, and the flight where it was simulated.
+#[derive(Serialize)]
+struct Seeds {
+    /// Of the two-view geometry, where photos are matched by their features.
+    two_view: u64,
+    /// Of a simulated set: what stands in truth/set.json; absent for real ones.
+    simulated: Option<Value>,
+}
+
+impl Seeds {
+    fn of(survey: &Survey) -> Self {
+        let truth = std::fs::read(survey.folder.join("truth/set.json")).ok();
+        let truth: Option<Value> = truth.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        let simulated = truth.and_then(|truth| truth.get("seed").cloned());
+        Self { two_view: crate::correspond::Verify::default().seed, simulated }
+    }
 }
 
 /// Exposures and seams.
@@ -141,7 +165,9 @@ pub fn write(input: &ReportInput<'_>, out: &Path) -> Result<(), ReportError> {
         stages: input.stages,
         coverage: &input.texture.coverage,
         native_mm_per_px: input.texture.native_mm_per_px,
+        resolution: &input.texture.resolution,
         texture: TextureFigures::new(input.texture),
+        seeds: Seeds::of(input.survey),
         warnings: input.warnings.iter().map(|warning| Told { message: warning.to_string(), warning }).collect(),
         losses: input.losses,
         photo_quality: input.reconstruction.poses.iter().map(PhotoFigures::new).collect(),
@@ -180,6 +206,9 @@ fn page(
         "surface": surface,
         "relief_picture": relief,
         "coverage_colours": crate::texture::COVERAGE_COLOURS,
+        "resolution_picture": picture::map(&out.join("resolution.png"), PICTURE_PX)?,
+        "resolution_colours": crate::texture::RESOLUTION_COLOURS,
+        "findings": findings::told(out)?,
         "track_svg": figures::track_svg(&input.reconstruction.poses),
         "section_svg": figures::section_svg(profile, &input.reconstruction.poses),
         "speed_svg": flight.speed_svg,

@@ -32,6 +32,11 @@ const LEAST_AGREEMENT: f32 = 0.45;
 const FULL_AGREEMENT: f32 = 0.8;
 /// Independent grey values in a template, about: lenses and JPEG blur neighbours into each other.
 const INDEPENDENT: f32 = 30.0;
+/// A height at which photos agree better by this much than at any other is fully believed: edges along the parallax and
+/// patterns that repeat agree at many heights.
+const DISTINCT: f32 = 0.15;
+/// Heights that shift the photos by less than this against the best one's are no others, samples.
+const APART_SAMPLES: f64 = 1.5;
 /// A height uncertain by this much is half believed.
 const HALF_BELIEVED_M: f32 = 0.005;
 
@@ -130,7 +135,7 @@ pub(super) fn sweep(scene: &Scene, tile: &Tile, pass: &Pass) -> Option<Vec<Found
         let known_m = (scene.known_m)(tile.column0 + column as i64, tile.row0 + row as i64);
         let curve: Vec<f32> =
             scores.iter().map(|step| if step[cell].1 > 0.0 { step[cell].0 / step[cell].1 } else { 0.0 }).collect();
-        peak(&curve, step_m as f32, known_m)
+        peak(&curve, step_m as f32, (APART_SAMPLES / pass.step_samples).ceil() as usize, known_m)
     });
     Some(found.collect())
 }
@@ -308,8 +313,10 @@ fn add_blocks<const N: usize>(blocks: &mut [f32], a: &[f32], b: &[f32]) {
 ///
 /// # Method
 /// Parabola through the best height and its neighbours. Near the peak the agreement falls as the squared difference of
-/// templates grows, so least squares give `sigma^2 = (1 - c) / (N k)`: agreement c, curvature k, N independent values.
-fn peak(curve: &[f32], step_m: f32, known_m: f32) -> Found {
+/// templates grows, so least squares give `sigma^2 = (1 - c) / (N k)`: agreement c, curvature k, N independent values. What
+/// agrees nearly as well `apart` steps or more away lowers the confidence (the peak-ratio idea of Hu and Mordohai, "A
+/// Quantitative Evaluation of Confidence Measures for Stereo Vision", PAMI 2012, on agreements).
+fn peak(curve: &[f32], step_m: f32, apart: usize, known_m: f32) -> Found {
     let best = (1..curve.len() - 1).max_by(|&a, &b| curve[a].total_cmp(&curve[b])).unwrap_or(0);
     let (Some(&before), Some(&after)) = (curve.get(best.wrapping_sub(1)), curve.get(best + 1)) else {
         return Found::default();
@@ -324,10 +331,13 @@ fn peak(curve: &[f32], step_m: f32, known_m: f32) -> Found {
     let curvature = -bend / (step_m * step_m);
     let sigma_m = ((1.0 - agreement).max(0.01) / (INDEPENDENT * curvature)).sqrt();
     let agreed = ((agreement - LEAST_AGREEMENT) / (FULL_AGREEMENT - LEAST_AGREEMENT)).min(1.0);
+    let others = curve.iter().enumerate().filter(|(at, _)| at.abs_diff(best) >= apart);
+    let second = others.map(|(_, agreement)| *agreement).fold(0.0, f32::max);
+    let distinct = ((agreement - second) / DISTINCT).clamp(0.0, 1.0);
     Found {
         height_m: known_m + (best as f32 - middle + offset) * step_m,
         sigma_m,
-        confidence: agreed / (1.0 + (sigma_m / HALF_BELIEVED_M).powi(2)),
+        confidence: agreed * distinct / (1.0 + (sigma_m / HALF_BELIEVED_M).powi(2)),
     }
 }
 

@@ -27,19 +27,19 @@ pub(super) struct TexelRows<'a> {
 
 impl TexelRows<'_> {
     /// Position along the axis and on the mid lattice's rows (index position) of a texel row of the strip.
-    fn row(&self, line: usize) -> (f64, f64) {
+    pub(super) fn row(&self, line: usize) -> (f64, f64) {
         let x_m = self.grid.x_m((self.v0 + line) as f64 + 0.5);
         (x_m, (x_m - self.mid.x0_m) / self.mid.step_x_m - 0.5)
     }
 
     /// Heights of the wall at a texel row, per texel.
-    fn heights_m(&self, x_m: f64) -> Vec<f64> {
+    pub(super) fn heights_m(&self, x_m: f64) -> Vec<f64> {
         let line = self.surface.line(x_m);
         (0..self.grid.width_px).map(|texel| line.at(self.grid.s_m(texel as f64 + 0.5))).collect()
     }
 
     /// Position of a texel column on the mid lattice's columns (index position).
-    fn column(&self, texel: i64) -> f64 {
+    pub(super) fn column(&self, texel: i64) -> f64 {
         self.grid.s_m(texel as f64 + 0.5) / self.mid.step_s_m - 0.5
     }
 }
@@ -162,7 +162,8 @@ pub(super) fn add_detail(sources: &[FineSource], texels: &TexelRows, detail: &mu
     });
 }
 
-/// Puts the lower bands under the detail: 8-bit red, green, blue, opacity, row by row.
+/// Puts the lower bands under the detail: 8-bit red, green, blue, opacity, row by row. Where the weight is negative the detail is the
+/// whole colour.
 pub(super) fn finish(detail: &[Rgbx], composite: &Composite, texels: &TexelRows) -> Vec<u8> {
     let width = texels.grid.width_px;
     let columns = composite.band.mid_columns();
@@ -184,10 +185,10 @@ pub(super) fn finish(detail: &[Rgbx], composite: &Composite, texels: &TexelRows)
         let source = |row: i64| &composite.colour[row.clamp(0, rows as i64 - 1) as usize * columns..][..columns];
         let base: Vec<Rgbx> = source(row).iter().zip(source(row + 1)).map(|(a, b)| mix_known(a, b, down)).collect();
         for ((out, detail), &(left, right, across)) in out.chunks_exact_mut(4).zip(detail).zip(&taps) {
-            if detail[3] > 0.0 {
-                let base = mix_known(&base[left], &base[right], across);
+            if detail[3] != 0.0 {
+                let base = if detail[3] > 0.0 { mix_known(&base[left], &base[right], across) } else { [0.0; 4] };
                 for channel in 0..3 {
-                    let value = base[channel] + detail[channel] / detail[3];
+                    let value = base[channel] + detail[channel] / detail[3].abs();
                     out[channel] = value.round().clamp(0.0, 255.0) as u8;
                 }
                 out[3] = 255;

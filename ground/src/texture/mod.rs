@@ -15,8 +15,10 @@ mod coverage;
 mod description;
 mod error;
 mod fine;
+mod gaps;
 mod grid;
 mod layer;
+mod resolution;
 mod sample;
 mod scout;
 mod seams;
@@ -42,6 +44,8 @@ pub use error::TextureError;
 pub(crate) use error::at_path;
 pub(crate) use grid::{Lattice, WallPoint, wall_at};
 pub use grid::{PanoramaGrid, profile_json};
+pub(crate) use resolution::RESOLUTION_COLOURS;
+pub use resolution::Resolution;
 pub use sink::Sheet;
 pub use steps::Seams;
 #[cfg(test)]
@@ -130,6 +134,8 @@ pub struct TextureReport {
     pub seams: Seams,
     /// Coverage.
     pub coverage: Coverage,
+    /// How finely the wall is shown.
+    pub resolution: Resolution,
     /// Photos or masks that could not be used.
     pub losses: Vec<Loss>,
     /// Time for the first look at the photos.
@@ -138,7 +144,7 @@ pub struct TextureReport {
     pub panorama_s: f64,
 }
 
-/// Textures the wall `surface`: writes `panorama/`, `sheets/`, `coverage.json` and `coverage.png` below `out`.
+/// Textures the wall `surface`: writes `panorama/`, `sheets/`, `coverage.json`, `coverage.png` and `resolution.png` below `out`.
 ///
 /// `panorama/panorama.json` is written last: where it is, the rest is whole.
 ///
@@ -174,7 +180,7 @@ pub fn build(
         fs::remove_file(&description).map_err(at_path(&description))?;
     }
     let cache = std::mem::replace(&mut scouted.cache, Cache::new(0));
-    let coverage = write_coverage(&scouted, &candidates, &coarse, &profile, out)?;
+    let (coverage, resolution) = write_coverage(&scouted, &candidates, &coarse, &profile, native_mm_per_px, out)?;
     let sinks = Sinks::create(out, grid, &profile)?;
     progress(TextureProgress::Total(candidates.len() + strips::strip_count(&grid)));
     let job = StripJob {
@@ -206,6 +212,7 @@ pub fn build(
         tone_rms_after: tones.rms_after,
         seams: strip_report.seams.figures(coarse.finer().step_s_m),
         coverage,
+        resolution,
         losses,
         scout_s,
         panorama_s: started.elapsed().as_secs_f64(),
@@ -247,8 +254,9 @@ fn write_coverage(
     candidates: &[Candidate],
     coarse: &Lattice,
     profile: &Profile<f64>,
+    native_mm_per_px: f64,
     out: &Path,
-) -> Result<Coverage, TextureError> {
+) -> Result<(Coverage, Resolution), TextureError> {
     let aims = || candidates.iter().zip(&scouted.good).filter(|(_, good)| **good).map(|(c, _)| c.footprint.axis_x_m);
     let stretch = [aims().fold(f64::INFINITY, f64::min), aims().fold(f64::NEG_INFINITY, f64::max)];
     let coverage = coverage::measure(&scouted.counts, coarse, profile, stretch);
@@ -257,7 +265,11 @@ fn write_coverage(
     fs::write(&path, format!("{:#}\n", coverage.to_json())).map_err(at_path(&path))?;
     let picture = coverage::picture(&scouted.counts, coarse, stretch);
     tiles::write_png(&out.join("coverage.png"), picture.width, picture.height, &picture.data)?;
-    Ok(coverage)
+    let densities = &scouted.best_density_per_m;
+    let resolution = resolution::measure(densities, coarse, stretch, native_mm_per_px);
+    let picture = resolution::picture(densities, coarse, &resolution);
+    tiles::write_png(&out.join("resolution.png"), picture.width, picture.height, &picture.data)?;
+    Ok((coverage, resolution))
 }
 
 fn photo_gains(candidates: &[Candidate], tones: &Tones) -> Vec<PhotoGain> {

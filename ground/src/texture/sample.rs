@@ -1,5 +1,6 @@
 //! Sampling a photo: bicubic between pixels, a pyramid of halved photos where texels are coarser than pixels.
 
+use super::usable::Masked;
 use crate::raster::Rgb8;
 
 /// No level smaller than this on its short side.
@@ -23,6 +24,28 @@ struct Level {
 }
 
 impl Mips {
+    /// Builds the pyramid; what is masked takes the colours around it, so that none of it gets into a sample beside it.
+    ///
+    /// # Method
+    /// Masked pixels have no part in the halved copies; from the coarsest down they take their colours from there. Gortler et
+    /// al., "The Lumigraph", SIGGRAPH 1996 (pull-push).
+    pub(super) fn masked(photo: Rgb8, masked: &Masked) -> Self {
+        let mut known = vec![masked.usable_pixels(photo.width * photo.height)];
+        let mut mips = Self::new(photo);
+        for octave in 1..mips.levels.len() {
+            let (finer, coarser) = mips.levels.split_at_mut(octave);
+            known.push(coarser[0].average_known(&finer[octave - 1], &known[octave - 1]));
+        }
+        if let (Some(coarsest), Some(known)) = (mips.levels.last_mut(), known.last()) {
+            coarsest.fill_with_mean(known);
+        }
+        for octave in (1..mips.levels.len()).rev() {
+            let (finer, coarser) = mips.levels.split_at_mut(octave);
+            finer[octave - 1].fill_unknown(&known[octave - 1], &coarser[0]);
+        }
+        mips
+    }
+
     /// Builds the pyramid.
     pub(super) fn new(photo: Rgb8) -> Self {
         let mut data = photo.data;
@@ -93,6 +116,47 @@ impl Level {
         Self { origin: [0, 0], width, height, data }
     }
 
+    /// Averages again where the finer level is known in part, of the known pixels alone; tells what is known then.
+    fn average_known(&mut self, finer: &Self, known: &[bool]) -> Vec<bool> {
+        let mut known_here = Vec::with_capacity(self.width * self.height);
+        for (row, column) in (0..self.height).flat_map(|row| (0..self.width).map(move |column| (row, column))) {
+            let first = 2 * row * finer.width + 2 * column;
+            let four = [first, first + 1, first + finer.width, first + finer.width + 1];
+            let count = four.iter().filter(|&&at| known[at]).count();
+            known_here.push(count > 0);
+            if (1..4).contains(&count) {
+                for channel in 0..3 {
+                    let sum = four.iter().filter(|&&at| known[at]).map(|&at| usize::from(finer.data[at * 3 + channel]));
+                    let mean = (sum.sum::<usize>() + count / 2) / count;
+                    self.data[(row * self.width + column) * 3 + channel] = mean as u8;
+                }
+            }
+        }
+        known_here
+    }
+
+    /// Gives unknown pixels the mean colour of the known ones.
+    fn fill_with_mean(&mut self, known: &[bool]) {
+        let count = known.iter().filter(|known| **known).count().max(1);
+        for channel in 0..3 {
+            let values = known.iter().enumerate().filter(|(_, known)| **known);
+            let sum: usize = values.map(|(at, _)| usize::from(self.data[at * 3 + channel])).sum();
+            let mean = ((sum + count / 2) / count) as u8;
+            for at in (0..known.len()).filter(|&at| !known[at]) {
+                self.data[at * 3 + channel] = mean;
+            }
+        }
+    }
+
+    /// Gives unknown pixels the colours of a coarser level.
+    fn fill_unknown(&mut self, known: &[bool], coarser: &Self) {
+        for at in (0..known.len()).filter(|&at| !known[at]) {
+            let (row, column) = (at / self.width / 2, at % self.width / 2);
+            let from = (row.min(coarser.height - 1) * coarser.width + column.min(coarser.width - 1)) * 3;
+            self.data[at * 3..at * 3 + 3].copy_from_slice(&coarser.data[from..from + 3]);
+        }
+    }
+
     fn cropped(&self, octave: usize, from_px: [f32; 2], to_px: [f32; 2]) -> Self {
         let scale = 1.0 / (1_u32 << octave) as f32;
         // Two pixels on each side for the interpolation and one against rounding.
@@ -154,6 +218,7 @@ fn catmull_rom(t: f32) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::usable::Usable;
     use super::*;
     use crate::raster::Raster;
 
@@ -188,6 +253,29 @@ mod tests {
                     crop.sample(pixel[0], pixel[1], octaves),
                     mips.sample(pixel[0], pixel[1], octaves),
                     "{pixel:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_of_what_is_masked_gets_into_a_sample_beside_it() {
+        let mut photo = Raster::new(96, 64);
+        let mut mask = Raster { width: 96, height: 64, data: vec![255; 96 * 64] };
+        for (row, column) in (0..64).flat_map(|row| (0..96).map(move |column| (row, column))) {
+            let hidden = column > 41 && row < 51;
+            photo.set(column, row, if hidden { [255, 0, 0] } else { [100, 100, 100] });
+            mask.set(column, row, [if hidden { 0 } else { 255 }]);
+        }
+        let usable = Usable::new(96, 64, Some(&mask));
+        let mips = Mips::masked(photo, usable.masked().unwrap());
+        for [u, v] in [[41.9, 20.0], [20.0, 50.0], [70.0, 51.1], [41.9, 51.1]] {
+            assert!(usable.clearance_px(u, v) > 0.0);
+            for octaves in [0.0, 1.0, 2.6] {
+                let [red, green, blue, _] = mips.sample(u, v, octaves);
+                assert!(
+                    [red, green, blue].iter().all(|value| (value - 100.0).abs() < 0.01),
+                    "{u} {v} {octaves}: {red}"
                 );
             }
         }

@@ -33,9 +33,12 @@ impl Candidate<'_> {
     }
 
     /// Decodes the photo.
-    pub(super) fn mips(&self) -> Result<Mips, Loss> {
+    pub(super) fn mips(&self, usable: &Usable) -> Result<Mips, Loss> {
         decode_rgb(&self.photo.path, self.size())
-            .map(Mips::new)
+            .map(|photo| match usable.masked() {
+                Some(masked) => Mips::masked(photo, masked),
+                None => Mips::new(photo),
+            })
             .map_err(|error| Loss::new(&self.photo.name, format!("not used for the texture: {error}")))
     }
 
@@ -159,7 +162,7 @@ fn look(
     stride: usize,
 ) -> Result<Look, Loss> {
     let usable = candidate.usable()?;
-    let mips = candidate.mips()?;
+    let mips = candidate.mips(&usable)?;
     let view = &candidate.view;
     let region = candidate.footprint.region(coarse);
     let sights = view.sights(surface, &usable, coarse, &region);

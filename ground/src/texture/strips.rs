@@ -11,6 +11,7 @@ use super::blend::{Band, HALO_CELLS, Shares, blend};
 use super::cache::{Cache, photos_at_once};
 use super::error::TextureError;
 use super::fine::{FineSource, TexelRows, add_detail, finish};
+use super::gaps::{fill, gaps};
 use super::grid::{Lattice, MID_PER_COARSE, PanoramaGrid, wall_at};
 use super::layer::{BestScores, Layer, LayerSource, Rgbx, Useful, useful};
 use super::sample::Mips;
@@ -139,7 +140,7 @@ impl Pass<'_> {
             layers.iter().zip(&shares).filter_map(|(layer, shares)| Some((*layer, shares.as_ref()?))).collect();
         let mut detail: Vec<Rgbx> = vec![[0.0; 4]; job.grid.width_px * rows];
         for batch in needed.chunks(self.at_once) {
-            let photos: Vec<_> = batch.iter().map(|((index, active, _), _)| (*index, &active.useful)).collect();
+            let photos: Vec<_> = batch.iter().map(|((index, active, _), _)| (*index, *active)).collect();
             let photos = crops(job, &mut self.cache, &photos, &mut self.report);
             let sources: Vec<FineSource> = batch
                 .par_iter()
@@ -152,7 +153,23 @@ impl Pass<'_> {
                 .collect();
             add_detail(&sources, &texels, &mut detail);
         }
-        self.report.coloured_px += detail.iter().filter(|texel| texel[3] > 0.0).count() as u64;
+        let mut gaps = gaps(&texels, &band, &labelling.photos, &detail);
+        for (&index, active) in self.active.iter().filter_map(|(index, active)| Some((index, active.as_ref()?))) {
+            if gaps.is_empty() {
+                break;
+            }
+            let candidate = &job.candidates[index];
+            let decoded = &mut self.report.decoded;
+            let decode = || {
+                *decoded += 1;
+                candidate.mips(&active.usable)
+            };
+            let photo = (&candidate.view, &active.usable, &active.curve);
+            if let Err(loss) = fill(&mut gaps, photo, &texels, &mut detail, decode) {
+                self.report.lose(loss);
+            }
+        }
+        self.report.coloured_px += detail.iter().filter(|texel| texel[3] != 0.0).count() as u64;
         self.labelling = Some(labelling);
         Ok(finish(&detail, &composite, &texels))
     }
@@ -262,7 +279,7 @@ impl Pass<'_> {
                 .filter_map(|(index, mips)| {
                     let active = active.get(&index)?.as_ref()?;
                     let candidate = &job.candidates[index];
-                    let layer = mips.map_or_else(|| candidate.mips(), Ok).map(|mips| {
+                    let layer = mips.map_or_else(|| candidate.mips(&active.usable), Ok).map(|mips| {
                         let source = LayerSource {
                             view: &candidate.view,
                             usable: &active.usable,
@@ -298,15 +315,16 @@ impl Pass<'_> {
 fn crops(
     job: &StripJob,
     cache: &mut Cache,
-    photos: &[(usize, &Useful)],
+    photos: &[(usize, &Active)],
     report: &mut StripReport,
 ) -> Vec<Option<Arc<Mips>>> {
     let found: Vec<(usize, bool, Result<Arc<Mips>, Loss>)> = photos
         .par_iter()
-        .map(|(index, useful)| {
+        .map(|(index, active)| {
             let kept = cache.crop(*index);
-            let (decoded, [from_px, to_px]) = (kept.is_none(), useful.crop_px);
-            let decode = || job.candidates[*index].mips().map(|mips| Arc::new(mips.cropped(from_px, to_px)));
+            let (decoded, [from_px, to_px]) = (kept.is_none(), active.useful.crop_px);
+            let mips = || job.candidates[*index].mips(&active.usable);
+            let decode = || mips().map(|mips| Arc::new(mips.cropped(from_px, to_px)));
             (*index, decoded, kept.map_or_else(decode, Ok))
         })
         .collect();

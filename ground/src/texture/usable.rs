@@ -6,13 +6,9 @@ use crate::raster::Mask;
 
 /// Photo pixels along the side of a cell of the distance map.
 const CELL_PX: usize = 4;
-
-/// JPEG blocks smear what is masked over its edge: stay this far away.
-const MASK_MARGIN_PX: f32 = 2.0;
-
-/// Pixels closer to the border than this are not used: interpolation would repeat the border.
-const BORDER_MARGIN_PX: f32 = 0.5;
-
+/// Clearance of what is not masked itself but within a cell of what is: least preferred, for JPEG blocks smear what is masked
+/// over its edge, but used where no other photo shows the place.
+const BESIDE_MASK_PX: f32 = 0.5;
 /// The farthest distance that is told apart.
 const FARTHEST_PX: f32 = 250.0;
 
@@ -20,7 +16,16 @@ const FARTHEST_PX: f32 = 250.0;
 pub(crate) struct Usable {
     width_px: f32,
     height_px: f32,
-    masked: Option<MaskDistance>,
+    masked: Option<Masked>,
+}
+
+/// Which pixels are masked, and how far it is to them.
+pub(super) struct Masked {
+    /// Pixels in a row.
+    width: usize,
+    /// A bit per pixel, row by row; 1 = masked.
+    bits: Vec<u64>,
+    distance: MaskDistance,
 }
 
 /// Distance to the nearest masked pixel, in pixels, per cell of [`CELL_PX`] pixels.
@@ -33,17 +38,51 @@ struct MaskDistance {
 impl Usable {
     /// Prepares the lookup. `mask`: 0 = do not use.
     pub(crate) fn new(width_px: u32, height_px: u32, mask: Option<&Mask>) -> Self {
-        let masked = mask.filter(|mask| mask.data.contains(&0)).map(MaskDistance::new);
+        let masked = mask.filter(|mask| mask.data.contains(&0)).map(Masked::new);
         Self { width_px: width_px as f32, height_px: height_px as f32, masked }
     }
 
     /// Distance from a pixel position to the nearest place that must not be used; not positive if it lies there.
     pub(crate) fn clearance_px(&self, u_px: f32, v_px: f32) -> f32 {
-        let border =
-            u_px.min(v_px).min(self.width_px - u_px).min(self.height_px - v_px).min(FARTHEST_PX) - BORDER_MARGIN_PX;
+        let border = u_px.min(v_px).min(self.width_px - u_px).min(self.height_px - v_px).min(FARTHEST_PX);
         match &self.masked {
-            Some(masked) if border > 0.0 => border.min(masked.at(u_px, v_px) - MASK_MARGIN_PX),
+            Some(masked) if border > 0.0 => border.min(masked.clearance_px(u_px, v_px)),
             _ => border,
+        }
+    }
+
+    /// What is masked; `None` if nothing is.
+    pub(super) fn masked(&self) -> Option<&Masked> {
+        self.masked.as_ref()
+    }
+}
+
+impl Masked {
+    fn new(mask: &Mask) -> Self {
+        let mut bits = vec![0; mask.data.len().div_ceil(64)];
+        for (at, _) in mask.data.iter().enumerate().filter(|(_, sample)| **sample == 0) {
+            bits[at / 64] |= 1 << (at % 64);
+        }
+        Self { width: mask.width, bits, distance: MaskDistance::new(mask) }
+    }
+
+    /// Tells for every pixel, row by row, whether it may be used.
+    pub(super) fn usable_pixels(&self, pixels: usize) -> Vec<bool> {
+        (0..pixels).map(|at| !self.holds(at)).collect()
+    }
+
+    fn holds(&self, at: usize) -> bool {
+        self.bits[at / 64] >> (at % 64) & 1 == 1
+    }
+
+    fn clearance_px(&self, u_px: f32, v_px: f32) -> f32 {
+        let distance_px = self.distance.at(u_px, v_px);
+        if distance_px > 0.0 {
+            distance_px
+        } else if self.holds(v_px as usize * self.width + u_px as usize) {
+            0.0
+        } else {
+            BESIDE_MASK_PX
         }
     }
 }
@@ -103,22 +142,25 @@ mod tests {
     #[test]
     fn clearance_counts_from_the_border_without_a_mask() {
         let usable = Usable::new(100, 80, None);
-        assert!((usable.clearance_px(10.0, 40.0) - 9.5).abs() < 1e-6);
+        assert!((usable.clearance_px(10.0, 40.0) - 10.0).abs() < 1e-6);
         assert!(usable.clearance_px(-1.0, 40.0) < 0.0);
-        assert!(usable.clearance_px(50.0, 79.8) < 0.0);
+        assert!(usable.clearance_px(50.0, 80.1) < 0.0);
     }
 
     #[test]
     fn clearance_counts_from_masked_pixels() {
         let mut mask: Mask = Raster { width: 200, height: 100, data: vec![255; 200 * 100] };
         for row in 0..100 {
-            for column in 120..200 {
+            for column in 121..200 {
                 mask.set(column, row, [0]);
             }
         }
         let usable = Usable::new(200, 100, Some(&mask));
         assert!(usable.clearance_px(140.0, 50.0) <= 0.0);
+        assert!(usable.clearance_px(121.0, 50.0) <= 0.0);
+        let beside_px = usable.clearance_px(120.9, 50.0);
+        assert!(beside_px > 0.0 && beside_px < 1.0, "{beside_px}");
         assert!(usable.clearance_px(119.0, 50.0) <= 4.0);
-        assert!((usable.clearance_px(80.0, 50.0) - 38.0).abs() < 5.0);
+        assert!((usable.clearance_px(80.0, 50.0) - 40.0).abs() < 5.0);
     }
 }

@@ -188,6 +188,24 @@ impl View {
         sights
     }
 
+    /// Looks at one place `[s, x]` of the wall at a height over the profile.
+    pub(super) fn sight_at(
+        &self,
+        profile: &Profile<f64>,
+        [s_m, x_m]: [f64; 2],
+        height_m: f64,
+        slack_m: f64,
+        usable: &Usable,
+    ) -> Sight {
+        let forward = self.forward_in_cam();
+        let column = self.column(profile, s_m, slack_m);
+        let sight = column.and_then(|column| {
+            let in_cam = column.in_cam + forward * x_m + column.inwards * height_m;
+            self.sight(&column, &forward, &in_cam, usable, 1.0)
+        });
+        sight.unwrap_or(UNSEEN)
+    }
+
     /// Prepares one place around the wall; `None` if the photo's optical centre cannot see it.
     fn column(&self, profile: &Profile<f64>, s_m: f64, slack_m: f64) -> Option<Column> {
         let wall = wall_at(profile, s_m);

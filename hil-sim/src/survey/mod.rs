@@ -2,8 +2,9 @@
 //!
 //! A flight (`adit-sim fly`) tests the board and everything after it; a set tests the ground alone, on exactly the way that a
 //! comparison asks for. Wall, paint, photos and range sensors are those of the flights. Every number is a function of
-//! kind, seed and number of photos.
+//! kind, seeds and number of photos.
 
+mod change;
 mod exposure;
 mod kind;
 mod path;
@@ -21,12 +22,14 @@ use adit_protocol::tag_table;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use change::Stained;
+pub use change::{Changes, Stain};
 pub use kind::SetKind;
 
 use crate::render::card::{CardPlace, encode_photo, write_file, write_mask};
 use crate::render::truth::{TextureGeometry, write_exposures, write_poses, write_texture};
 use crate::render::{ExifTime, PhotoRenderer, RenderConfig, RenderError, Shot};
-use crate::scene::paint::LiningPaint;
+use crate::scene::paint::{LiningPaint, Paint};
 use crate::scene::{BulgeConfig, PipeConfig, Wall, WallConfig, WallError};
 use crate::seed::{Random, Stream};
 use kind::Recipe;
@@ -48,6 +51,8 @@ pub struct SetOptions {
     pub kind: SetKind,
     /// Seed of everything that happens by chance.
     pub seed: u64,
+    /// Seed of a later flight: through the tunnel of `seed`, which has changed since ([`Changes`]).
+    pub later: Option<u64>,
     /// How many photos; the kind's own number by default.
     pub photos: Option<u32>,
     /// Width of the photos; the height and the lens follow.
@@ -84,6 +89,9 @@ pub struct SetFigures {
     pub kind: SetKind,
     /// The seed.
     pub seed: u64,
+    /// Seed of a later flight, and what has changed since the first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub later: Option<(u64, Changes)>,
     /// Photos.
     pub photos: usize,
     /// Way from the first to the last photo along the tunnel.
@@ -106,7 +114,7 @@ pub struct SetFigures {
 struct Set {
     survey: SurveyConfig,
     wall: Wall,
-    paint: Arc<LiningPaint>,
+    paint: Arc<dyn Paint>,
     captures: Vec<Capture>,
     /// While a photo is read out.
     shaft_rad_per_s: f64,
@@ -125,9 +133,9 @@ pub fn make_set(out: &Path, options: &SetOptions, after_each: &(dyn Fn(usize) + 
     let poses = places.iter().zip(&set.captures);
     write_poses(&out.join("truth/poses.csv"), poses.map(|(place, at)| (place.name.as_str(), &at.tunnel_from_cam)))?;
     write_file(&out.join("survey.toml"), set.survey.to_toml().as_bytes())?;
-    write_file(&out.join("tags.csv"), set.tags_csv(&places, options.seed).as_bytes())?;
+    write_file(&out.join("tags.csv"), set.tags_csv(&places, options.flight_seed()).as_bytes())?;
     write_file(&out.join("truth/set.json"), serde_json::to_string_pretty(&set.figures)?.as_bytes())?;
-    set.write_photos(out, &places, options.seed, after_each)?;
+    set.write_photos(out, &places, options.flight_seed(), after_each)?;
     let stations_m = set.captures.iter().map(|capture| capture.tunnel_from_cam.translation.x);
     let geometry = TextureGeometry::around(set.wall.profile(), stations_m, set.figures.render.truth_mm_per_px);
     if options.texture {
@@ -139,37 +147,54 @@ pub fn make_set(out: &Path, options: &SetOptions, after_each: &(dyn Fn(usize) + 
     Ok(set.figures)
 }
 
+impl SetOptions {
+    /// Seed of what the flight adds: way, tags, mounting, noise.
+    fn flight_seed(&self) -> u64 {
+        self.later.unwrap_or(self.seed)
+    }
+}
+
 impl Set {
     fn new(options: &SetOptions) -> Result<Self, SetError> {
         let SetOptions { kind, seed, .. } = *options;
+        let flight_seed = options.flight_seed();
         let recipe = kind.recipe();
         let photos = options.photos.unwrap_or(recipe.photos);
         let survey = survey_config(&recipe, options.width_px);
-        let mut build = Random::new(seed, Stream::Build);
+        let mut build = Random::new(flight_seed, Stream::Build);
         let mount_rotvec_deg = [(); 3].map(|()| build.gauss(MOUNT_SIGMA_DEG));
         let rig = Rig { mount_rotvec_rad: mount_rotvec_deg.map(f64::to_radians), ..survey.rig };
-        let captures = path::captures(&recipe, &rig, photos, seed);
+        let captures = path::captures(&recipe, &rig, photos, flight_seed);
         let along_m = |capture: &Capture| capture.tunnel_from_body.translation.x;
         let length_m = captures.last().map_or(0.0, along_m) - captures.first().map_or(0.0, along_m);
         let profile = recipe.built.build()?;
-        let wall_config = if recipe.imperfect {
-            imperfect_wall(profile.perimeter_m(), length_m, seed)
-        } else {
-            WallConfig::default()
+        // As long as planned: the flights of a pair differ by centimetres, the tunnel does not.
+        let moves = if recipe.stands { photos / u32::from(recipe.images_per_turn) } else { photos };
+        let planned_m = recipe.advance_m * f64::from(moves);
+        let perimeter_m = profile.perimeter_m();
+        let mut wall_config =
+            if recipe.imperfect { imperfect_wall(perimeter_m, planned_m, seed) } else { WallConfig::default() };
+        let lining = LiningPaint::new(&profile, &recipe.texture, Path::new("."), seed).map_err(RenderError::from)?;
+        let later = options.later.map(|later| (later, Changes::new(perimeter_m, planned_m)));
+        let paint: Arc<dyn Paint> = match &later {
+            Some((_, Changes { bulge, stain })) => {
+                wall_config.bulges.push(*bulge);
+                Arc::new(Stained { lining, stain: *stain, perimeter_m })
+            }
+            None => Arc::new(lining),
         };
-        let paint =
-            Arc::new(LiningPaint::new(&profile, &recipe.texture, Path::new("."), seed).map_err(RenderError::from)?);
         let wall = Wall::new(profile, &wall_config, seed)?;
         let figures = SetFigures {
             format: 1,
             program: concat!("adit-sim ", env!("CARGO_PKG_VERSION")),
             kind,
             seed,
+            later,
             photos: captures.len(),
             length_m,
             built_profile: recipe.built,
             mount_rotvec_deg,
-            odometer_scale_error: tags::odometer_scale(seed),
+            odometer_scale_error: tags::odometer_scale(flight_seed),
             shaft_deg_per_s: recipe.shaft_deg_per_s,
             wall: wall_config,
             render: RenderConfig {
@@ -179,7 +204,7 @@ impl Set {
             },
         };
         let gain_factors =
-            if recipe.drifts { exposure::drift(captures.len(), seed) } else { vec![[1.0; 3]; captures.len()] };
+            if recipe.drifts { exposure::drift(captures.len(), flight_seed) } else { vec![[1.0; 3]; captures.len()] };
         let shaft_rad_per_s = recipe.shaft_deg_per_s.to_radians();
         Ok(Self { survey, wall, paint, captures, shaft_rad_per_s, gain_factors, figures })
     }

@@ -6,9 +6,9 @@ mod bench;
 mod calibration;
 mod flight;
 mod killed;
-mod preflight;
 #[cfg(unix)]
 mod live;
+mod preflight;
 mod programs;
 mod samples;
 mod sets;

@@ -101,3 +101,31 @@ fn bulges_and_ovality_are_measured_to_millimetres() {
     assert!(number(&relief["constant_mm"]).abs() < 20.0, "{relief:#}");
     assert!(number(&relief["ovality_error_percent"]) < 0.2, "{relief:#}");
 }
+
+#[test]
+fn a_stain_that_came_up_between_two_flights_is_found() {
+    let folders = [(); 2].map(|()| tempfile::tempdir().expect("a temporary folder"));
+    let [first, later] = [0, 1].map(|at| text(folders[at].path()));
+    let set = ["--photos", "40", "--width-px", "400", "--no-texture", "--seed", "4"];
+    figures("adit-sim", &[&["survey", "brick", "--out", first], &set[..]].concat());
+    let truth = figures("adit-sim", &[&["survey", "brick", "--out", later, "--later", "8"], &set[..]].concat());
+    for folder in [first, later] {
+        figures("adit", &["reconstruct", folder, "--mm-per-px", "6"]);
+    }
+    let out = tempfile::tempdir().expect("a temporary folder");
+    let report = figures("adit", &["compare", first, later, "--mm-per-px", "6", "--out", text(out.path())]);
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or_else(|| panic!("no number in {report:#}"));
+    let holds = |region: &serde_json::Value, place: &serde_json::Value| {
+        let within = |from: &str, to: &str, at: &str| {
+            (number(&region[from])..=number(&region[to])).contains(&number(&place[at]))
+        };
+        within("x_from_m", "x_to_m", "x_m") && within("s_from_m", "s_to_m", "s_m")
+    };
+    let stain = &truth["later"][1]["stain"];
+    let looks = report["changes"].as_array().expect("a list");
+    let found = looks.iter().find(|change| holds(change, stain));
+    let found = found.unwrap_or_else(|| panic!("the stain is not among {report:#}"));
+    assert!(number(&found["grey"]) < -10.0 && (300.0..650.0).contains(&number(&found["area_cm2"])), "{found:#}");
+    // Photos this coarse do not measure the bulge; what they do measure agrees.
+    assert!(number(&report["relief"]["compared_m2"]) > 50.0, "{report:#}");
+}

@@ -227,6 +227,8 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
         let ended = |outcome, iterations, cost| Ok(Minimised { outcome, iterations, cost });
         let mut cost = f64::INFINITY;
         let mut weighting = *weighting;
+        // Until it fails once.
+        let mut trusts_curvature = true;
         for iteration in 1..=limits.iterations {
             let equations = self.system.eliminate(self.model, &self.layout, &weighting, state, lambda);
             cost = equations.cost;
@@ -239,13 +241,14 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
                 *state = moved.state;
                 lambda = (lambda * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(LAMBDA_MIN);
                 growth = 2.0;
-                weighting.curved = decrease <= NEAR * cost;
+                weighting.curved = trusts_curvature && decrease <= NEAR * cost;
                 if decrease <= limits.decrease * cost {
                     return ended(super::Outcome::Converged, iteration, moved.cost);
                 }
                 cost = moved.cost;
-            } else if std::mem::replace(&mut weighting.curved, false) {
+            } else if weighting.curved {
                 // The same again with the weights.
+                (weighting.curved, trusts_curvature) = (false, false);
             } else if moved.predicted <= KINKS * limits.decrease * cost {
                 return ended(super::Outcome::Converged, iteration, cost);
             } else {
