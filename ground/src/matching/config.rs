@@ -3,6 +3,9 @@
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
 
+/// Focal length beyond which a photo is matched at less than its own resolution, pixels: that of 1.5 to 2 megapixels.
+const MOST_FOCAL_PX: f64 = 800.0;
+
 /// Texel of the blurred grid: three of them are the least wavelength in a bond of the commonest bricks, 125 mm.
 const BLURRED_GRID_M: f64 = 0.049;
 
@@ -65,6 +68,15 @@ impl MatchConfig {
             }
         }
         sum_m / f64::max(count, 1.0) / (0.5 * (camera.focal_px[0] + camera.focal_px[1]))
+    }
+
+    /// Returns `native_m` of a photo halved until its focal length is at most [`MOST_FOCAL_PX`].
+    ///
+    /// Templates must cover a brick and windows the tags' uncertainty, whatever the pixels; and what a camera resolves does not
+    /// grow with them.
+    pub fn matched_m(profile: &Profile<f64>, camera: &Camera<f64>) -> f64 {
+        let focal_px = 0.5 * (camera.focal_px[0] + camera.focal_px[1]);
+        Self::native_m(profile, camera) * (focal_px / MOST_FOCAL_PX).max(1.0)
     }
 
     /// The first round: poses known to a degree or two and some centimetres, a grid twice as coarse as the photos.

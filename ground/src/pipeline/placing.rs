@@ -17,9 +17,9 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::groups::{Groups, PairShare, hanging_together, pair_shares};
 use super::progress::StageProgress;
-use super::solve::{COARSE_MATCH_PX, ROBUST, SURFACE_M, Solver};
+use super::solve::Solver;
 use super::stages::{CoarseStage, PriorStage, RoundSummary, TagSlip};
-use crate::adjust::{AdjustReport, Observation, Shared, Tracks, Weights, adjust_roughly};
+use crate::adjust::{AdjustReport, Observation, Shared, Tracks, adjust_roughly};
 use crate::matching::{MatchConfig, MatchRound, PairReport, ViewPose};
 use crate::prior::TagPrior;
 use crate::survey::Loss;
@@ -31,8 +31,6 @@ const PLACED_SIGMAS: [f64; 2] = [0.002, 0.0005];
 const MOST_ROUNDS: usize = 4;
 /// A guess about a lost photo needs this many agreeing matches, in two pairs or more.
 const LEAST_AGREEING: u32 = 30;
-/// A match is disputed by the adjustment from this error on, pixels of the photo.
-const DISPUTED_PX: f64 = 4.0;
 
 /// What may be wrong with a lost photo's tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -206,14 +204,18 @@ impl<'a> Placing<'a> {
                 seen.retain(|seen| self.placed[seen.photo as usize]);
                 seen.len() >= 2
             });
-            let weights = Weights { pixel_px: COARSE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
             let poses: Vec<Isometry3<f64>> = self.views.iter().map(|view| view.tunnel_from_cam).collect();
             self.solver.put_on_wall(&mut tracks, &poses);
             let given = self.solver.problem(&self.tags, &poses, &tracks, self.shared);
-            let adjusted = adjust_roughly(&given, &weights)?;
+            let adjusted = adjust_roughly(&given, &self.solver.coarse_weights())?;
             tracks.positions_mut().copy_from_slice(&adjusted.points);
             self.shared = adjusted.shared;
-            let shares = pair_shares(&tracks, &adjusted.poses, &self.solver.survey.config.camera.camera, DISPUTED_PX);
+            let shares = pair_shares(
+                &tracks,
+                &adjusted.poses,
+                &self.solver.survey.config.camera.camera,
+                self.solver.disputed_px(),
+            );
             let newly = self.newly_disputed(&shares);
             for &photo in &newly {
                 self.forget(photo);

@@ -30,19 +30,21 @@ use crate::raster::Mask;
 use crate::survey::{Loss, Photo, Survey, load_mask};
 use crate::untagged::{Matcher, PlacedPhoto, Untagged, survey_poses};
 
-/// One standard deviation of a match in the coarse round, pixels of the photo.
+/// One standard deviation of a match in the coarse round, pixels of the photo as it is matched.
 ///
 /// Said to be worse than they are (0.8), matches let the section bend the poses where the wall is out of shape, and the fine
 /// round then looks at a distorted wall: positions came out at twice the error.
-pub(super) const COARSE_MATCH_PX: f64 = 0.25;
-/// One standard deviation of a match in the fine round, pixels of the photo.
+const COARSE_MATCH_PX: f64 = 0.25;
+/// One standard deviation of a match in the fine round, pixels of the photo as it is matched.
 const FINE_MATCH_PX: f64 = 0.3;
 /// No match is better than this, whatever the residuals say: the camera model itself is not.
 const LEAST_MATCH_PX: f64 = 0.05;
+/// A match of the coarse round is disputed by the adjustment from this error on, pixels of the photo as it is matched.
+const DISPUTED_PX: f64 = 4.0;
 /// Geman-McClure scale in standard deviations.
-pub(super) const ROBUST: AdjustLoss = AdjustLoss::GemanMcClure(3.0);
+const ROBUST: AdjustLoss = AdjustLoss::GemanMcClure(3.0);
 /// Softness of the surface: real linings are out of shape by centimetres, and points must be free to say so.
-pub(super) const SURFACE_M: f64 = 0.05;
+const SURFACE_M: f64 = 0.05;
 /// No lining is taken for truer than this.
 const LEAST_SURFACE_M: f64 = 0.005;
 /// So many points lie on the same unevenness and count as one.
@@ -232,7 +234,23 @@ impl<'a> Solver<'a> {
 
     /// The coarse round's parameters.
     pub(super) fn wide(&self) -> MatchConfig {
-        MatchConfig::wide(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera))
+        MatchConfig::wide(MatchConfig::matched_m(&self.profile, &self.survey.config.camera.camera))
+    }
+
+    /// Pixels of the photo per pixel as it is matched.
+    pub(super) fn matched_px(&self) -> f64 {
+        let camera = &self.survey.config.camera.camera;
+        MatchConfig::matched_m(&self.profile, camera) / MatchConfig::native_m(&self.profile, camera)
+    }
+
+    /// How much the coarse round's matches are trusted.
+    pub(super) fn coarse_weights(&self) -> Weights {
+        Weights { pixel_px: COARSE_MATCH_PX * self.matched_px(), loss: ROBUST, surface_m: SURFACE_M }
+    }
+
+    /// From this reprojection error on a match of the coarse round is disputed, pixels.
+    pub(super) fn disputed_px(&self) -> f64 {
+        DISPUTED_PX * self.matched_px()
     }
 
     /// The coarse round: photos found within the tags' uncertainty, then a first adjustment.
@@ -245,7 +263,7 @@ impl<'a> Solver<'a> {
 
     /// The fine round, at the photos' own resolution, between photos that have a place.
     pub fn fine(&self, coarse: &CoarseStage, progress: &StageProgress) -> MatchStage {
-        let config = MatchConfig::fine(MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera));
+        let config = MatchConfig::fine(MatchConfig::matched_m(&self.profile, &self.survey.config.camera.camera));
         let wanted = |photos: [usize; 2]| photos.iter().all(|&photo| coarse.placed[photo]);
         let (round, _) = self.round(&coarse.views, &|photo| photo, &config, &wanted, progress);
         let summary = RoundSummary::new(&round.pairs, &round.tracks, self.survey);
@@ -309,7 +327,8 @@ impl<'a> Solver<'a> {
         mut tracks: Tracks,
         shared_sigmas: SharedSigmas,
     ) -> Result<Settled> {
-        let weights = Weights { pixel_px: FINE_MATCH_PX, loss: ROBUST, surface_m: SURFACE_M };
+        let fine_match_px = FINE_MATCH_PX * self.matched_px();
+        let weights = Weights { pixel_px: fine_match_px, loss: ROBUST, surface_m: SURFACE_M };
         let poses: Vec<_> = coarse.views.iter().map(|view| view.tunnel_from_cam).collect();
         let first = adjust_roughly(&self.problem(&coarse.tags, &poses, &tracks, coarse.shared), &weights)?;
         tracks.positions_mut().copy_from_slice(&first.points);
@@ -317,7 +336,7 @@ impl<'a> Solver<'a> {
         let measured_px = first.report.median_after_px / 1.18;
         let pruned = self.prune(&mut tracks, &first)?;
         let surface_m = unevenness_m(&tracks, &self.profile, first.shared.profile_size);
-        let pixel_px = measured_px.clamp(LEAST_MATCH_PX, FINE_MATCH_PX);
+        let pixel_px = measured_px.clamp(LEAST_MATCH_PX, fine_match_px);
         let weights = Weights { pixel_px, surface_m: surface_m.clamp(LEAST_SURFACE_M, SURFACE_M), ..weights };
         let registered = registered(&tracks, first.poses.len());
         let noise = self.tag_noise(prior, coarse, &first, &registered);
@@ -395,7 +414,7 @@ impl<'a> Solver<'a> {
             mask: self.options.prune_mask,
             // A fifth of the radius: pipes, brackets and bulges are wall; what floats farther inside is not.
             off_surface_m: self.options.prune_surface.then_some(0.1 * across_m),
-            reprojection_px: self.options.prune_reprojection.then_some(4.0 * FINE_MATCH_PX),
+            reprojection_px: self.options.prune_reprojection.then_some(4.0 * FINE_MATCH_PX * self.matched_px()),
         };
         let masked = if pruning.mask { self.masked(tracks)? } else { Vec::new() };
         Ok(prune(tracks, &adjusted.poses, &adjusted.shared.camera, &self.profile, &masked, &pruning))

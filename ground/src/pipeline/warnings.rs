@@ -310,7 +310,8 @@ impl Judged<'_> {
 
     fn of_pairs(&self, warnings: &mut Vec<Warning>) {
         let poses = self.problem.poses;
-        let shares = pair_shares(self.problem.tracks, poses, &self.problem.shared.camera, DISPUTED_PX);
+        let disputed_px = DISPUTED_PX * self.solver.matched_px();
+        let shares = pair_shares(self.problem.tracks, poses, &self.problem.shared.camera, disputed_px);
         let disputed = shares.iter().filter(|(_, share)| share.is_disputed()).map(|(photos, _)| {
             let [first, second] = photos.map(|photo| self.poses[photo as usize].photo.clone());
             (first, second)
