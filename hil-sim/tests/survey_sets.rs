@@ -144,16 +144,10 @@ fn an_imperfect_tunnel_is_a_percent_larger_than_its_survey_says() {
     assert!((mean_m - 3.03).abs() < 0.015, "{mean_m}");
 }
 
-/// The truth's heights at a place, millimetres.
-fn true_height_mm(folder: &Path, s_m: f64, x_m: f64) -> f32 {
-    let json = std::fs::read_to_string(folder.join("truth/relief.json")).expect("relief.json");
-    let grid: serde_json::Value = serde_json::from_str(&json).expect("JSON");
-    let number = |key: &str| grid[key].as_f64().expect("a number");
-    let cell_m = number("mm_per_px") * 1e-3;
-    let (column, row) = ((s_m - number("s0_m")) / cell_m, (x_m - number("x0_m")) / cell_m);
-    let at = row as usize * number("width_px") as usize + column as usize;
+/// The truth's heights, millimetres, cell by cell.
+fn true_heights_mm(folder: &Path) -> Vec<f32> {
     let bytes = std::fs::read(folder.join("truth/relief.f32")).expect("relief.f32");
-    f32::from_le_bytes(bytes.as_chunks::<4>().0[at]) * 1e3
+    bytes.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes) * 1e3).collect()
 }
 
 #[test]
@@ -161,13 +155,12 @@ fn a_later_flight_meets_the_same_tunnel_with_a_bulge_more() {
     let (first, later) = (flown(SetKind::Imperfect, 40, 2, None), flown(SetKind::Imperfect, 40, 2, Some(9)));
     let poses = |folder: &tempfile::TempDir| std::fs::read(folder.path().join("truth/poses.csv")).expect("poses");
     assert_ne!(poses(&first), poses(&later));
-    let json = std::fs::read_to_string(later.path().join("truth/set.json")).expect("set.json");
-    let set: serde_json::Value = serde_json::from_str(&json).expect("JSON");
-    let bulge = &set["later"][1]["bulge"];
-    let (s_m, x_m) = (bulge["s_m"].as_f64().expect("s"), bulge["x_m"].as_f64().expect("x"));
-    let grown_mm = |s_m: f64, x_m: f64| true_height_mm(later.path(), s_m, x_m) - true_height_mm(first.path(), s_m, x_m);
-    assert!((grown_mm(s_m, x_m) - 30.0).abs() < 1.0, "{}", grown_mm(s_m, x_m));
-    assert!(grown_mm(s_m + 2.0, x_m).abs() < 0.5, "{}", grown_mm(s_m + 2.0, x_m));
+    let heights_mm = [&first, &later].map(|folder| true_heights_mm(folder.path()));
+    let grown_mm: Vec<f32> = heights_mm[0].iter().zip(&heights_mm[1]).map(|(before, after)| after - before).collect();
+    let most_mm = grown_mm.iter().copied().fold(0.0, f32::max);
+    assert!((most_mm - 30.0).abs() < 1.5, "{most_mm}");
+    let unchanged = grown_mm.iter().filter(|grown_mm| grown_mm.abs() < 0.5).count();
+    assert!(unchanged as f64 > 0.9 * grown_mm.len() as f64, "{unchanged} of {}", grown_mm.len());
 }
 
 #[test]

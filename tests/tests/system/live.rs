@@ -147,9 +147,9 @@ fn what_goes_wrong_on_a_flight_is_shown_in_time_and_the_record_shows_it_again() 
     assert!((0.0..=2.0 - PICTURE_S).contains(&after_s), "shown {after_s} s after the camera was deaf");
 
     cable.is_cut.store(true, Ordering::Relaxed);
-    let lost = shown.until("the lost link", 50, |view| is_link(view, "lost"));
+    // The figures are old a little after the link is lost.
+    let lost = shown.until("the lost link", 50, |view| is_link(view, "lost") && view["offset_m"]["is_stale"] == true);
     assert!(lost["link"]["silent_s"].as_f64().is_some_and(|silent_s| silent_s <= 2.0), "{:#}", lost["link"]);
-    assert_eq!(lost["offset_m"]["is_stale"], true, "what is old is shown as old");
     cable.is_cut.store(false, Ordering::Relaxed);
     shown.until("the link again", 50, |view| is_link(view, "up") && view["offset_m"]["is_stale"] == false);
 
