@@ -12,7 +12,7 @@ use super::{Answer, Common, positive, print};
 /// Calibrate a camera from photos of a chessboard: focal lengths, principal point, distortion.
 ///
 /// Finds the board's inner corners in every JPEG below PHOTOS, fits the camera model asked for (and the other one, for
-/// comparison), and prints the table [camera] for survey.toml and mission.toml, with the standard deviation of every number:
+/// comparison), and prints the camera table for survey.toml and mission.toml, with the standard deviation of every number:
 /// "formal" from the corners' scatter, "jackknife" from fits without one photo each, which is the honest one. Photos that
 /// were not used are named with the reason; hints say what to photograph in addition.
 ///

@@ -14,7 +14,7 @@ use super::{Answer, Common, print};
 ///
 /// Takes a survey folder (survey.toml, tags.csv, photos/) of a first turn, or of any flight, in any place with texture on its
 /// walls; matches the photos as `adit reconstruct` does, and adjusts with the rig free. Prints each number with its standard
-/// deviation, what the survey does not tell, and the table [rig] for survey.toml and mission.toml.
+/// deviation, what the survey does not tell, and the rig table for survey.toml and mission.toml.
 ///
 /// The camera's own table must be right before: see `adit calibrate`.
 #[derive(Debug, Args)]
