@@ -177,7 +177,7 @@ fn a_corrupt_fram_gives_defaults_and_says_so() {
 #[test]
 fn garbage_on_the_link_at_its_full_rate_costs_no_capture() {
     let garbage = vec![board(BoardFaultKind::TelemetryGarbage, 5.0, 9.0)];
-    let flown = fly(&Case { board: garbage, most_s: 30.0, ..Case::default() });
+    let flown = fly(&Case { board: garbage, most_s: 45.0, ..Case::default() });
     assert_eq!(flown.flight.outcome, Outcome::Completed, "commands are obeyed again");
     assert_eq!(flown.report.restarts, []);
     flown.expect_captures(18);
