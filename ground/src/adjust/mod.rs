@@ -138,7 +138,7 @@ fn adjust_with<const K: usize>(
     let cost_before = solver.cost(&last, &state);
     let median_before_px = median(&solver.errors_px(&state));
     let mut iterations = 0;
-    // A first scale that keeps most matches: three times the median error, then half of it each time.
+    // A first scale that keeps most matches: three times the median error, then a quarter of it each time.
     let mut scale = (3.0 * median_before_px / weights.pixel_px / weights.loss.scale()).max(1.0);
     let Minimised { outcome, cost: cost_after, .. } = loop {
         let stage = Weighting { loss: weights.loss.widened(scale), ..last };

@@ -234,13 +234,17 @@ impl<'a> Solver<'a> {
 
     /// The coarse round's parameters.
     pub(super) fn wide(&self) -> MatchConfig {
-        MatchConfig::wide(MatchConfig::matched_m(&self.profile, &self.survey.config.camera.camera))
+        MatchConfig::wide(self.matched_m())
+    }
+
+    /// See [`MatchConfig::matched_m`].
+    fn matched_m(&self) -> f64 {
+        MatchConfig::matched_m(&self.profile, &self.survey.config.camera.camera)
     }
 
     /// Pixels of the photo per pixel as it is matched.
     pub(super) fn matched_px(&self) -> f64 {
-        let camera = &self.survey.config.camera.camera;
-        MatchConfig::matched_m(&self.profile, camera) / MatchConfig::native_m(&self.profile, camera)
+        self.matched_m() / MatchConfig::native_m(&self.profile, &self.survey.config.camera.camera)
     }
 
     /// How much the coarse round's matches are trusted.
@@ -261,9 +265,9 @@ impl<'a> Solver<'a> {
         Placing::new(self, prior).run(progress)
     }
 
-    /// The fine round, at the photos' own resolution, between photos that have a place.
+    /// The fine round, at the photos' own resolution (of large photos a lower one, see [`MatchConfig::matched_m`]), between photos that have a place.
     pub fn fine(&self, coarse: &CoarseStage, progress: &StageProgress) -> MatchStage {
-        let config = MatchConfig::fine(MatchConfig::matched_m(&self.profile, &self.survey.config.camera.camera));
+        let config = MatchConfig::fine(self.matched_m());
         let wanted = |photos: [usize; 2]| photos.iter().all(|&photo| coarse.placed[photo]);
         let (round, _) = self.round(&coarse.views, &|photo| photo, &config, &wanted, progress);
         let summary = RoundSummary::new(&round.pairs, &round.tracks, self.survey);

@@ -8,7 +8,7 @@ use super::envelope::SLACK;
 /// A point's share of one camera (or of the shared unknowns), ready for the kernels.
 pub(super) struct Share<const N: usize> {
     pub(super) block: usize,
-    /// Derivatives of the two residuals by the share's unknowns, padded for whole vectors, and the same times their weight.
+    /// Derivatives of the two whitened residuals by the share's unknowns, padded for whole vectors, and the same by unknown.
     pub(super) slopes: [[f64; SLACK]; 2],
     pub(super) by_unknown: [[f64; 2]; N],
     /// Columns of the coupling with the point, padded, and rows of it times the point's own inverse, negative.
