@@ -190,10 +190,11 @@ fn without_masked(footprint: &Footprint, seen: &Plane) -> Footprint {
             let shares: f32 = (block_row * parts..(block_row + 1) * parts)
                 .map(|row| seen.row(row)[block_column * parts..(block_column + 1) * parts].iter().sum::<f32>())
                 .sum();
-            let slot = &mut kept.seen[block_row * blocks_wide + block_column];
-            *slot = *slot && shares >= 0.5 * (parts * parts) as f32;
+            if shares < 0.5 * (parts * parts) as f32 {
+                kept.seen.set(block_row * blocks_wide + block_column, false);
+            }
         }
     }
-    kept.count = kept.seen.iter().filter(|&&block| block).count();
+    kept.count = kept.seen.count_ones(..);
     kept
 }

@@ -69,7 +69,7 @@ pub fn match_round<P: Photos + ?Sized>(
     let mut finished: Vec<Option<Tracks>> = vec![None; poses.len()];
     let mut next = 0;
     let mut result = MatchRound::default();
-    let batch = 2 * rayon::current_num_threads();
+    let batch = (2 * rayon::current_num_threads()).max(8);
     let mut waiting = expected.as_slice();
     let load = |batch: Range<usize>| -> Views {
         let view = |search: &mut Search, photo: usize| {

@@ -2,6 +2,7 @@
 
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
+use fixedbitset::FixedBitSet;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 /// Texels per side of a block; footprints are known by block, windows are whole blocks.
@@ -87,7 +88,8 @@ pub(super) struct Footprint {
     pub(super) block0: [i64; 2],
     /// Blocks along s and along x.
     pub(super) size: [usize; 2],
-    pub(super) seen: Vec<bool>,
+    /// Row by row.
+    pub(super) seen: FixedBitSet,
     pub(super) count: usize,
     /// Mean distance of the wall that is seen, metres.
     pub(super) distance_m: f64,
@@ -103,7 +105,7 @@ impl Footprint {
         let around = grid.columns / BLOCK as i64;
         let size = [(end[0] - block0[0]).min(around) as usize, (end[1] - block0[1]) as usize];
         let centre = Point3::from(tunnel_from_cam.translation.vector);
-        let mut seen = vec![false; size[0] * size[1]];
+        let mut seen = FixedBitSet::with_capacity(size[0] * size[1]);
         let (mut count, mut distance_sum_m) = (0, 0.0);
         for i in 0..size[0] {
             let column = block_middle(block0[0] + i as i64);
@@ -116,7 +118,7 @@ impl Footprint {
                 let inside = grid.faces(&point, &centre)
                     && grid.pixel(tunnel_from_cam, column, row).is_some_and(|pixel| grid.camera.contains(&pixel, 0.0));
                 if inside {
-                    seen[j * size[0] + i] = true;
+                    seen.insert(j * size[0] + i);
                     count += 1;
                     distance_sum_m += (point.position - centre).norm();
                 }
@@ -151,9 +153,9 @@ impl Footprint {
 
     /// Tells whether a block of the window, or one beside it, is seen.
     pub(super) fn sees_around(&self, [column, row]: [usize; 2]) -> bool {
-        let rows = row.saturating_sub(1)..(row + 2).min(self.size[1]);
+        let mut rows = row.saturating_sub(1)..(row + 2).min(self.size[1]);
         let columns = column.saturating_sub(1)..(column + 2).min(self.size[0]);
-        rows.into_iter().any(|row| self.seen[row * self.size[0]..][columns.clone()].contains(&true))
+        rows.any(|row| columns.clone().any(|column| self.seen[row * self.size[0] + column]))
     }
 
     fn sees(&self, block: [i64; 2]) -> bool {

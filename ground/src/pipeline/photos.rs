@@ -4,6 +4,8 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use fixedbitset::FixedBitSet;
+
 use crate::matching::{Photos, Pixels};
 use crate::raster::Luma;
 use crate::survey::{Size, Survey, decode_luma, load_mask};
@@ -26,22 +28,23 @@ struct Kept {
 /// Which pixels a photo's mask hides.
 pub(super) struct Hidden {
     size: [usize; 2],
-    /// Pixel by pixel, row by row, the first one in the lowest bit.
-    bits: Vec<u64>,
+    /// Row by row.
+    pixels: FixedBitSet,
 }
 
 impl Hidden {
     /// Of a mask, or of a photo with its mask laid into it.
     pub(super) fn new(levels: &Luma) -> Self {
-        let word = |levels: &[u8]| levels.iter().rev().fold(0, |word, &level| word << 1 | u64::from(level == 0));
-        Self { size: [levels.width, levels.height], bits: levels.data.chunks(64).map(word).collect() }
+        let block = |levels: &[u8]| levels.iter().rev().fold(0, |bits, &level| bits << 1 | usize::from(level == 0));
+        let blocks = levels.data.chunks(usize::BITS as usize).map(block);
+        let pixels = FixedBitSet::with_capacity_and_blocks(levels.data.len(), blocks);
+        Self { size: [levels.width, levels.height], pixels }
     }
 
     /// Tells whether the pixel at a place, or the nearest to it, is hidden.
     pub(super) fn contains(&self, place: [f32; 2]) -> bool {
         let nearest = |axis: usize| (place[axis].max(0.0) as usize).min(self.size[axis].saturating_sub(1));
-        let index = nearest(1) * self.size[0] + nearest(0);
-        self.bits.get(index / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
+        self.pixels.contains(nearest(1) * self.size[0] + nearest(0))
     }
 }
 

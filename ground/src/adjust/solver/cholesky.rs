@@ -185,17 +185,18 @@ fn subtract_products<S: Simd>(simd: S, block: &Block, own: &mut [f64], before: &
     }
 }
 
-/// Solves `X L^T = A` for the columns of `before`, in place.
+/// Solves `X L^T = A` for the columns of `before`, in place; the rows of `block` side by side, since each waits for itself only.
 fn solve_right(block: &Block, own: &mut [f64], before: &Block, done: &[f64]) {
     let start = block.at(0, block.column());
-    for a in 0..block.height {
-        let row = block.at(a, before.row) - start;
-        let row = &mut own[row..row + before.height];
-        for b in 0..before.height {
-            let other = before.at(b, before.row);
-            let other = &done[other..=other + b];
+    for b in 0..before.height {
+        let other = before.at(b, before.row);
+        let other = &done[other..=other + b];
+        let reciprocal = 1.0 / other[b];
+        for a in 0..block.height {
+            let row = block.at(a, before.row) - start;
+            let row = &mut own[row..=row + b];
             let sum: f64 = row[..b].iter().zip(other).map(|(x, l)| x * l).sum();
-            row[b] = (row[b] - sum) / other[b];
+            row[b] = (row[b] - sum) * reciprocal;
         }
     }
 }

@@ -355,14 +355,17 @@ fn add_priors<M: Model<C, K>, const C: usize, const K: usize>(
     equations: &mut Equations,
 ) {
     let Equations { matrix, gradient, diagonal, cost: total, .. } = equations;
-    let mut known = (Loss::Squared, 1.0);
+    // Of the few losses that there are.
+    let mut known = vec![(Loss::Squared, 1.0)];
     model.priors(estimate, layout, &mut |row| {
         let (cost, mut weight) = row.loss.at(row.residual * row.residual);
         if information {
-            if known.0 != row.loss {
-                known = (row.loss, row.loss.information(1));
+            if known.iter().all(|(loss, _)| *loss != row.loss) {
+                known.push((row.loss, row.loss.information(1)));
             }
-            weight = if row.loss.believes(row.residual * row.residual) { known.1 } else { 0.0 };
+            let believed =
+                known.iter().find(|(loss, _)| *loss == row.loss).map_or(0.0, |(_, information)| *information);
+            weight = if row.loss.believes(row.residual * row.residual) { believed } else { 0.0 };
         }
         *total += cost;
         for &(index, a) in row.slopes {
