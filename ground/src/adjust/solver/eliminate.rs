@@ -371,10 +371,9 @@ fn add_priors<M: Model<C, K>, const C: usize, const K: usize>(
         for &(index, a) in row.slopes {
             gradient[index] += a * row.residual * weight;
             diagonal[index] += a * a * weight;
-            for &(column, b) in row.slopes {
-                if column <= index {
-                    matrix.add(index, column, a * b * weight);
-                }
+            let (block, offset) = matrix.locate(index);
+            for &(column, b) in row.slopes.iter().filter(|(column, _)| *column <= index) {
+                matrix.part_mut(block, offset, column..column + 1)[0] += a * b * weight;
             }
         }
     });

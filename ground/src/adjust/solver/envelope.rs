@@ -121,6 +121,18 @@ impl Envelope {
         (&self.blocks, done, rest)
     }
 
+    /// Splits the values before a run of blocks from each block's own.
+    pub(super) fn split_run(&mut self, run: Range<usize>) -> (&[Block], &[f64], Vec<&mut [f64]>) {
+        let (done, mut rest) = self.values.split_at_mut(self.blocks[run.start].start);
+        let own = self.blocks[run].iter().map(|block| {
+            let (own, after) = std::mem::take(&mut rest).split_at_mut(block.height * block.width());
+            rest = after;
+            own
+        });
+        let own = own.collect();
+        (&self.blocks, done, own)
+    }
+
     /// The block that holds a row, and the row's offset in it.
     pub(super) fn locate(&self, row: usize) -> (usize, usize) {
         let block = self.blocks.partition_point(|block| block.row <= row) - 1;
