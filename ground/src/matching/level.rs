@@ -82,7 +82,7 @@ impl<'a> Level<'a> {
         &self,
         photo: usize,
         footprint: &Footprint,
-        pixels: &Pixels<'_>,
+        pixels: &Pixels,
         bench: &mut Bench,
         memory: Vec<i8>,
     ) -> Patch {

@@ -42,7 +42,7 @@ impl Patch {
         grid: &WallGrid<'_>,
         tunnel_from_cam: &Isometry3<f64>,
         footprint: &Footprint,
-        pixels: &Pixels<'_>,
+        pixels: &Pixels,
         config: &MatchConfig,
         Bench { laying, band, planes }: &mut Bench,
         memory: Vec<i8>,
