@@ -136,7 +136,7 @@ fn adjust_with<const K: usize>(
     let mut state = start_of(problem);
     let last = weighting_of(weights);
     let cost_before = solver.cost(&last, &state);
-    let median_before_px = median(&solver.errors_px(&state));
+    let median_before_px = median_in_place(&mut solver.errors_px(&state));
     let mut iterations = 0;
     // A first scale that keeps most matches: three times the median error, then a quarter of it each time.
     let mut scale = (3.0 * median_before_px / weights.pixel_px / weights.loss.scale()).max(1.0);
@@ -150,7 +150,7 @@ fn adjust_with<const K: usize>(
         }
         scale = (scale * 0.25).max(1.0);
     };
-    let errors_px = solver.errors_px(&state);
+    let mut errors_px = solver.errors_px(&state);
     let report = AdjustReport {
         photos: problem.poses.len(),
         points: problem.tracks.len(),
@@ -159,8 +159,8 @@ fn adjust_with<const K: usize>(
         cost_before,
         cost_after,
         median_before_px,
-        median_after_px: median(&errors_px),
-        mean_after_px: errors_px.iter().sum::<f64>() / errors_px.len().max(1) as f64,
+        mean_after_px: errors_px.iter().map(|&error| f64::from(error)).sum::<f64>() / errors_px.len().max(1) as f64,
+        median_after_px: median_in_place(&mut errors_px),
         outcome,
     };
     let State { estimate: Estimate { poses, shared, .. }, points } = state;
@@ -197,12 +197,17 @@ pub fn tendency(problem: &Problem<'_>, weights: &Weights, iterations: usize) -> 
 
 /// The median; 0 of nothing.
 pub(crate) fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    let middle = sorted.len() / 2;
-    if sorted.is_empty() {
+    median_in_place(&mut values.to_vec())
+}
+
+/// [`median`] of values whose order does not matter.
+fn median_in_place<T: Copy + Into<f64>>(values: &mut [T]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
         return 0.0;
     }
-    *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
+    let order = |a: &T, b: &T| (*a).into().total_cmp(&(*b).into());
+    (*values.select_nth_unstable_by(middle, order).1).into()
 }
 
 #[cfg(test)]

@@ -88,6 +88,10 @@ pub fn match_round<P: Photos + ?Sized>(
         };
         batch.into_par_iter().map_init(Search::default, view).collect()
     };
+    let most_texels = footprints.iter().flatten().map(Footprint::texels).max().unwrap_or(0);
+    // Made by the thread that frees it at the end of the round: what another one frees may stay with its maker for long.
+    let provide = || locked(&round.texels).resize_with(batch, || Vec::with_capacity(most_texels));
+    provide();
     let mut loaded = load(0..batch.min(poses.len()));
     for start in (0..poses.len()).step_by(batch) {
         let end = (start + batch).min(poses.len());
@@ -102,6 +106,7 @@ pub fn match_round<P: Photos + ?Sized>(
         let search = || -> Vec<Option<(PairReport, Vec<Finding>)>> {
             ready.par_iter().map_init(Search::default, |search, pair| round.pair(pair, &views, search)).collect()
         };
+        provide();
         // Neither waits for the other's last photo or pair.
         let (searched, next_loaded) = rayon::join(search, || load(end..(end + batch).min(poses.len())));
         loaded = next_loaded;

@@ -134,6 +134,11 @@ impl Footprint {
         (count > 0).then(|| Self { block0, size, seen, count, distance_m: distance_sum_m / count as f64 })
     }
 
+    /// Texels of the window.
+    pub(super) fn texels(&self) -> usize {
+        self.size[0] * self.size[1] * BLOCK * BLOCK
+    }
+
     /// The multiple of a whole turn, in blocks, to add to the other's columns so that it lies nearest to this one.
     pub(super) fn turns_to(&self, other: &Self, blocks_around: i64) -> i64 {
         let middle = |footprint: &Self| footprint.block0[0] as f64 + 0.5 * footprint.size[0] as f64;

@@ -13,8 +13,8 @@ use super::{Model, Sight, State, Weighting};
 use crate::adjust::loss::Loss;
 use crate::adjust::tracks::Tracks;
 
-/// Chunks whose sums are in memory at the same time.
-const WAVE: usize = 16;
+/// Chunks whose sums are in memory at the same time, for each thread.
+const WAVE: usize = 4;
 
 /// What stays the same from one linearisation to the next.
 pub(super) struct System {
@@ -59,7 +59,8 @@ impl System {
         let starts = (0..tracks.len()).step_by(size);
         let chunks: Vec<_> =
             starts.map(|start| Chunk::new(start..(start + size).min(tracks.len()), layout, tracks)).collect();
-        let sums = std::iter::repeat_with(Sums::default).take(chunks.len().min(WAVE)).collect();
+        let wave = (WAVE * rayon::current_num_threads()).min(chunks.len());
+        let sums = std::iter::repeat_with(Sums::default).take(wave).collect();
         Self { chunks, matrix: Some(Envelope::new(layout.shape())), sums }
     }
 
@@ -83,7 +84,7 @@ impl System {
         let [gradient, reduced_gradient, diagonal] = [(); 3].map(|()| vec![0.0; size]);
         let mut equations = Equations { matrix, gradient, reduced_gradient, diagonal, cost: 0.0 };
         let shared = model.point_shared().map(|index| index.map(|index| layout.shared(index)));
-        for wave in self.chunks.chunks(WAVE) {
+        for wave in self.chunks.chunks(self.sums.len().max(1)) {
             wave.par_iter().zip(&mut self.sums).for_each(|(chunk, sums)| {
                 Arch::new().dispatch(EliminateChunk { chunk, model, layout, weighting, state, lambda, sums });
             });

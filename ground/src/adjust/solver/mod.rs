@@ -16,6 +16,8 @@ mod kernels;
 mod move_points;
 mod order;
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2x3, Point3, RowVector3, SMatrix, SVector, Vector2};
 use rayon::prelude::*;
 
@@ -23,6 +25,7 @@ pub(crate) use cholesky::Factor;
 pub use cholesky::NotPositiveDefinite;
 use eliminate::{Equations, System};
 pub(crate) use envelope::Envelope;
+use move_points::TASK;
 pub(super) use order::Layout;
 
 use super::loss::Loss;
@@ -201,17 +204,22 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
         move_points::cost(self.model, &self.layout, weighting, state)
     }
 
-    /// Reprojection error of every observation that projects, pixels, in the order of the tracks.
-    pub(super) fn errors_px(&self, state: &State<M::Estimate>) -> Vec<f64> {
+    /// Reprojection error of every observation that projects, pixels, in the order of the tracks. Single precision: there are
+    /// millions of them, and of interest is their median.
+    pub(super) fn errors_px(&self, state: &State<M::Estimate>) -> Vec<f32> {
         let tracks = self.model.tracks();
-        let of_point = |point: usize| {
-            let errors = tracks
-                .of(point)
-                .iter()
-                .filter_map(move |seen| Some(self.model.residual(&state.estimate, &state.points[point], seen)?.norm()));
-            errors.collect::<Vec<f64>>()
+        let of_points = |points: Range<usize>| -> Vec<f32> {
+            let of_point = |point: usize| {
+                let of_one =
+                    move |seen| Some(self.model.residual(&state.estimate, &state.points[point], seen)?.norm() as f32);
+                tracks.of(point).iter().filter_map(of_one)
+            };
+            points.flat_map(of_point).collect()
         };
-        (0..tracks.len()).into_par_iter().flat_map_iter(of_point).collect()
+        let tasks = (0..tracks.len().div_ceil(TASK)).into_par_iter();
+        let errors: Vec<Vec<f32>> =
+            tasks.map(|task| of_points(task * TASK..((task + 1) * TASK).min(tracks.len()))).collect();
+        errors.concat()
     }
 
     /// Levenberg-Marquardt with Nielsen's damping (Madsen, Nielsen & Tingleff, "Methods for Non-Linear Least Squares Problems",

@@ -8,7 +8,7 @@ use super::order::Layout;
 use super::{CameraStep, Model, State, Step, Weighting};
 
 /// Points per task.
-const TASK: usize = 512;
+pub(super) const TASK: usize = 512;
 
 /// A state after a damped step.
 pub(super) struct Moved<E> {

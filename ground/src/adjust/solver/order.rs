@@ -86,12 +86,7 @@ pub(super) fn padded(unknowns: usize) -> usize {
 
 /// Cameras that share a point or a link, without repetition.
 fn neighbours(tracks: &Tracks, cameras: usize, links: &[[u32; 2]]) -> Vec<Vec<u32>> {
-    let mut points: Vec<Vec<u32>> = vec![Vec::new(); cameras];
-    for point in 0..tracks.len() {
-        for seen in tracks.of(point) {
-            points[seen.photo as usize].push(point as u32);
-        }
-    }
+    let (points, starts) = points_by_camera(tracks, cameras);
     let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); cameras];
     for &[one, other] in links {
         neighbours[one as usize].push(other);
@@ -101,7 +96,7 @@ fn neighbours(tracks: &Tracks, cameras: usize, links: &[[u32; 2]]) -> Vec<Vec<u3
     for (camera, neighbours) in neighbours.iter_mut().enumerate() {
         met[camera] = camera as u32;
         neighbours.retain(|&other| std::mem::replace(&mut met[other as usize], camera as u32) != camera as u32);
-        for &point in &points[camera] {
+        for &point in &points[starts[camera]..starts[camera + 1]] {
             for seen in tracks.of(point as usize) {
                 if std::mem::replace(&mut met[seen.photo as usize], camera as u32) != camera as u32 {
                     neighbours.push(seen.photo);
@@ -110,6 +105,27 @@ fn neighbours(tracks: &Tracks, cameras: usize, links: &[[u32; 2]]) -> Vec<Vec<u3
         }
     }
     neighbours
+}
+
+/// The points that each camera sees, camera by camera, and where each camera's begin.
+fn points_by_camera(tracks: &Tracks, cameras: usize) -> (Vec<u32>, Vec<usize>) {
+    let mut starts = vec![0; cameras + 1];
+    for seen in tracks.observations() {
+        starts[seen.photo as usize + 1] += 1;
+    }
+    for camera in 0..cameras {
+        starts[camera + 1] += starts[camera];
+    }
+    let mut next = starts.clone();
+    let mut points = vec![0; tracks.observations().len()];
+    for point in 0..tracks.len() {
+        for seen in tracks.of(point) {
+            let place = &mut next[seen.photo as usize];
+            points[*place] = point as u32;
+            *place += 1;
+        }
+    }
+    (points, starts)
 }
 
 /// Position of every camera, groups that hang together one after the other.
