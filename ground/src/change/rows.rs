@@ -106,12 +106,15 @@ mod tests {
 
     #[test]
     fn means_are_those_of_the_seen_values_around_the_wall() {
-        let rows = Rows::from_fn(7, 0..5, |column, row| if column == 3 { f32::NAN } else { (column * row * row) as f32 });
+        let rows =
+            Rows::from_fn(7, 0..5, |column, row| if column == 3 { f32::NAN } else { (column * row * row) as f32 });
         let (mean, share) = (rows.mean(1), rows.seen_share(1));
         for (at, (&mean, &share)) in mean.data.iter().zip(&share.data).enumerate() {
             let (row, column) = (at / 7, at % 7);
-            let near = (row.saturating_sub(1)..(row + 2).min(5)).flat_map(|row| [6, 7, 8].map(|step| (row, (column + step) % 7)));
-            let seen: Vec<f32> = near.map(|(row, column)| rows.data[row * 7 + column]).filter(|value| !value.is_nan()).collect();
+            let near = (row.saturating_sub(1)..(row + 2).min(5))
+                .flat_map(|row| [6, 7, 8].map(|step| (row, (column + step) % 7)));
+            let seen: Vec<f32> =
+                near.map(|(row, column)| rows.data[row * 7 + column]).filter(|value| !value.is_nan()).collect();
             let expected = seen.iter().sum::<f32>() / seen.len() as f32;
             assert!(if column == 3 { mean.is_nan() } else { (mean - expected).abs() < 1e-4 }, "{row} {column}: {mean}");
             assert!((share - seen.len() as f32 / 9.0).abs() < 1e-6, "{row} {column}: {share}");

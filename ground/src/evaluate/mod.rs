@@ -115,7 +115,12 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
     let shift = panorama.as_ref().zip(texture.as_ref()).map(|(ours, theirs)| shift::measure_shift(ours, theirs));
     let true_relief = TrueRelief::read(&truth_folder)?;
     let truth_from_ours = relief::truth_from_ours(&ours, &truth);
-    let true_wall = TrueWall { survey: &survey, profile: survey.config.profile.build()?, poses: &truth, relief: true_relief.as_ref() };
+    let true_wall = TrueWall {
+        survey: &survey,
+        profile: survey.config.profile.build()?,
+        poses: &truth,
+        relief: true_relief.as_ref(),
+    };
     let coverage = match &panorama {
         Some(panorama) => {
             let ours_from_truth = truth_from_ours.map_or_else(Isometry3::identity, |found| found.inverse());

@@ -181,7 +181,11 @@ pub(super) fn measure_relief(
     let aligned: Vec<f64> = known().map(|place| place.height_m - place.true_m).collect();
     let constant_m = median(&aligned);
     let true_median_m = median(&places.iter().map(|place| place.true_m).collect::<Vec<_>>());
-    let rings = if matches!(wall.survey.config.profile, ProfileSpec::Circle { .. }) { rings(&places, profile) } else { Vec::new() };
+    let rings = if matches!(wall.survey.config.profile, ProfileSpec::Circle { .. }) {
+        rings(&places, profile)
+    } else {
+        Vec::new()
+    };
     let worst = rings.iter().map(|ring| (ring.measured_percent - ring.true_percent).abs()).reduce(f64::max);
     Ok(Some(ReliefEvaluation {
         places: places.len(),
