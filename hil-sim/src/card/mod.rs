@@ -166,7 +166,8 @@ fn write_photos(
     let stations_m = stations_m.chain([simulation.pilot.start_x_m]);
     let geometry = TextureGeometry::around(flight.wall.profile(), stations_m, render.truth_mm_per_px);
     write_texture(&out.join("truth"), &geometry, paint.as_ref())?;
-    write_relief(&out.join("truth"), flight.wall.profile(), &flight.wall, &geometry)
+    write_relief(&out.join("truth"), flight.wall.profile(), &flight.wall, &geometry)?;
+    Ok(())
 }
 
 fn shot(index: u32, exposure: &Exposure) -> Shot {
