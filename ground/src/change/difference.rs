@@ -14,6 +14,9 @@ use crate::adjust::median;
 
 /// Half the side of the window of mean and deviation.
 const WINDOW_M: f64 = 0.25;
+/// Places are judged where both walls show at least this share of that window: beside what either did not see mean and deviation
+/// are one-sided, and photos are at their worst.
+const LEAST_SEEN: f32 = 0.7;
 /// Deviation, grey levels, below which a wall counts as plain.
 const PLAIN: f32 = 4.0;
 /// Misfit that must not look like a change, texels.
@@ -125,6 +128,8 @@ impl Compared {
     fn new(a: &Rows, b: &Rows, reach: usize, skipped: &[bool]) -> Self {
         let walls = [a, b].map(|grey| Evened::new(grey, reach, skipped));
         let difference = walls[1].value.map(&walls[0].value, |b, a| b - a);
+        let difference =
+            difference.map(&a.seen_share(reach), |value, seen| if seen < LEAST_SEEN { f32::NAN } else { value });
         let fine = significance(&difference.mean(1), &gradient(&walls[0].value));
         let smooth = difference.mean(FAINT_WINDOW);
         let faint = significance(&smooth, &gradient(&walls[0].value.mean(FAINT_WINDOW)));

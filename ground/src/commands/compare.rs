@@ -19,7 +19,8 @@ use super::{Answer, Common, positive, print};
 /// Where both surveys measured the wall, it lists what has come in or gone back by more than their noise as well (6 mm at
 /// least, a palm's size); what a section does as a whole is not compared.
 ///
-/// Water, dirt and shadows look like changes too; look at the pictures.
+/// Water, dirt and shadows look like changes too; look at the pictures. Within 10 cm of wall that either did not see no looks are
+/// judged.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  adit compare 2025-05/survey 2026-05/survey\n  \
     adit compare old new --mm-per-px 2 --least-cm2 2 --out changes")]

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector2};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::poses::file_name;
+use super::relief::TrueRelief;
 use super::wall_image::{WallGrid, WallImage};
 use crate::poses::PhotoPose;
 use crate::raster::Mask;
@@ -15,6 +15,17 @@ use crate::survey::{MaskError, Photo, Size, Survey, load_mask};
 const CELL_M: f64 = 0.05;
 /// A wall point hidden by less than this (the wall's own curvature on the way to it) counts as visible.
 const HIDDEN_M: f64 = 0.01;
+
+/// What is true of a survey: where its photos were, and the wall.
+pub(super) struct TrueWall<'a> {
+    pub(super) survey: &'a Survey,
+    /// The section that survey.toml states.
+    pub(super) profile: Profile<f64>,
+    /// Of the survey's photos, under their names.
+    pub(super) poses: &'a [PhotoPose],
+    /// The wall's height over the section; without it the wall is taken for its section.
+    pub(super) relief: Option<&'a TrueRelief>,
+}
 
 /// Coverage by the true poses, in cells of 5 cm, judged at their centres. A photo sees a place if all four pixels that it lies
 /// between are in the photo and outside its mask.
@@ -33,19 +44,17 @@ pub struct CoverageEvaluation {
 /// Counts seen and coloured cells. `ours_from_truth` says where the panorama has what is true: off by a millimetre, the last
 /// row of cells that a photo sees would be missed.
 pub(super) fn measure_coverage(
-    survey: &Survey,
-    profile: &Profile<f64>,
-    truth: &[PhotoPose],
+    truth: &TrueWall,
     panorama: &WallImage,
     ours_from_truth: &Isometry3<f64>,
 ) -> Result<CoverageEvaluation, MaskError> {
-    let Seen { cells, photos, .. } = Seen::by(survey, profile, truth, &panorama.grid)?;
-    let seen_cells: Vec<&Point3<f64>> =
+    let Seen { cells, photos, .. } = Seen::by(truth, &panorama.grid)?;
+    let seen_cells: Vec<&Cell> =
         cells.iter().zip(&photos).filter(|(_, photos)| **photos > 0).map(|(cell, _)| cell).collect();
-    let ours_per_true_m = panorama.grid.perimeter_m / profile.perimeter_m();
-    let covered = |cell: &&&Point3<f64>| {
-        let ours = ours_from_truth * **cell;
-        let nearest = profile.nearest(ours.yz().coords);
+    let ours_per_true_m = panorama.grid.perimeter_m / truth.profile.perimeter_m();
+    let covered = |cell: &&&Cell| {
+        let ours = ours_from_truth * cell.wall;
+        let nearest = truth.profile.nearest(ours.yz().coords);
         nearest.is_some_and(|nearest| panorama.covers(nearest.surface.s_m * ours_per_true_m, ours.x))
     };
     let coloured = seen_cells.iter().filter(covered).count();
@@ -57,16 +66,17 @@ pub(super) fn measure_coverage(
     })
 }
 
-/// The survey's photo by its name with or without folder, as poses are compared.
-fn photo_of<'a>(survey: &'a Survey, name: &str) -> Option<&'a Photo> {
-    let whole = survey.photos.iter().find(|photo| photo.name == name);
-    let mut by_file = survey.photos.iter().filter(|photo| file_name(&photo.name) == file_name(name));
-    whole.or_else(|| by_file.next().filter(|_| by_file.next().is_none()))
+/// The middle of a cell of the wall.
+struct Cell {
+    /// On the section.
+    section: Vector2<f64>,
+    /// On the true wall.
+    wall: Point3<f64>,
 }
 
 /// How many photos see each cell of the wall, by the true poses.
 pub(super) struct Seen {
-    cells: Vec<Point3<f64>>,
+    cells: Vec<Cell>,
     /// Per cell, column by column.
     photos: Vec<u16>,
     x0_m: f64,
@@ -75,19 +85,15 @@ pub(super) struct Seen {
 
 impl Seen {
     /// Counts over the stretch of `grid`.
-    pub(super) fn by(
-        survey: &Survey,
-        profile: &Profile<f64>,
-        truth: &[PhotoPose],
-        grid: &WallGrid,
-    ) -> Result<Self, MaskError> {
+    pub(super) fn by(truth: &TrueWall, grid: &WallGrid) -> Result<Self, MaskError> {
         let along = (grid.height_px as f64 * grid.mm_per_px / 1000.0 / CELL_M) as usize;
-        let cells = cells(profile, grid.x0_m, along);
+        let cells = cells(truth, grid.x0_m, along);
         let photos = truth
+            .poses
             .par_iter()
             .filter_map(|pose| {
-                let photo = photo_of(survey, &pose.photo)?;
-                Some(cells_seen(survey, profile, photo, &pose.tunnel_from_cam, &cells))
+                let photo = truth.survey.photos.iter().find(|photo| photo.name == pose.photo)?;
+                Some(cells_seen(truth, photo, &pose.tunnel_from_cam, &cells))
             })
             .try_fold(
                 || vec![0_u16; cells.len()],
@@ -116,38 +122,39 @@ impl Seen {
     }
 }
 
-/// Wall points in the middle of cells, column by column.
-fn cells(profile: &Profile<f64>, x0_m: f64, along: usize) -> Vec<Point3<f64>> {
-    let around = (profile.perimeter_m() / CELL_M) as usize;
+/// The cells, column by column.
+fn cells(truth: &TrueWall, x0_m: f64, along: usize) -> Vec<Cell> {
+    let around = (truth.profile.perimeter_m() / CELL_M) as usize;
     let mut cells = Vec::with_capacity(around * along);
     for column in 0..around {
         let s_m = (column as f64 + 0.5) * CELL_M;
-        let Some(surface) = profile.at(s_m) else { continue };
+        let Some(surface) = truth.profile.at(s_m) else { continue };
         for row in 0..along {
             let x_m = x0_m + (row as f64 + 0.5) * CELL_M;
-            cells.push(Point3::new(x_m, surface.point.x, surface.point.y));
+            let height_m = truth.relief.and_then(|relief| relief.lining_m(s_m, x_m)).unwrap_or(0.0);
+            let wall = surface.point + surface.normal * height_m;
+            cells.push(Cell { section: surface.point, wall: Point3::new(x_m, wall.x, wall.y) });
         }
     }
     cells
 }
 
 fn cells_seen(
-    survey: &Survey,
-    profile: &Profile<f64>,
+    truth: &TrueWall,
     photo: &Photo,
     tunnel_from_cam: &Isometry3<f64>,
-    cells: &[Point3<f64>],
+    cells: &[Cell],
 ) -> Result<Vec<bool>, MaskError> {
-    let camera = &survey.config.camera.camera;
+    let camera = &truth.survey.config.camera.camera;
     let size = Size { width_px: camera.width_px, height_px: camera.height_px };
     let mask: Option<Mask> = photo.mask.as_ref().map(|path| load_mask(path, size)).transpose()?;
     let cam_from_tunnel = tunnel_from_cam.inverse();
     let centre = tunnel_from_cam.translation.vector.yz();
-    let visible = |cell: &Point3<f64>| {
-        let Some(pixel) = camera.project(&(cam_from_tunnel * cell).coords) else { return false };
+    let visible = |cell: &Cell| {
+        let Some(pixel) = camera.project(&(cam_from_tunnel * cell.wall).coords) else { return false };
         camera.contains(&pixel, 0.5)
             && mask.as_ref().is_none_or(|mask| around(&pixel).all(|[column, row]| mask.at(column, row) != [0]))
-            && !hidden(profile, centre, cell.yz().coords)
+            && !hidden(&truth.profile, centre, cell.section)
     };
     Ok(cells.iter().map(visible).collect())
 }

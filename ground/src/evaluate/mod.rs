@@ -9,7 +9,6 @@ mod shift;
 mod table;
 mod wall_image;
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use adit_geometry::profile::ProfileError;
@@ -27,6 +26,8 @@ pub use wall_image::{WallGrid, WallImageError};
 use crate::poses::{PhotoPose, PosesError, read_poses};
 use crate::surface::{SurfaceError, SurfaceStore};
 use crate::survey::{MaskError, Survey, SurveyError, load};
+use coverage::TrueWall;
+use poses::Names;
 use relief::TrueRelief;
 use wall_image::WallImage;
 
@@ -112,16 +113,27 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
         notes.push(format!("no true texture: {} has no texture.jpg with texture.json", truth_folder.display()));
     }
     let shift = panorama.as_ref().zip(texture.as_ref()).map(|(ours, theirs)| shift::measure_shift(ours, theirs));
+    let true_relief = TrueRelief::read(&truth_folder)?;
+    let truth_from_ours = relief::truth_from_ours(&ours, &truth);
+    let true_wall = TrueWall {
+        survey: &survey,
+        profile: survey.config.profile.build()?,
+        poses: &truth,
+        relief: true_relief.as_ref(),
+    };
     let coverage = match &panorama {
         Some(panorama) => {
-            let profile = survey.config.profile.build()?;
-            let ours_from_truth =
-                relief::truth_from_ours(&ours, &truth).map_or_else(Isometry3::identity, |m| m.inverse());
-            Some(coverage::measure_coverage(&survey, &profile, &truth, panorama, &ours_from_truth)?)
+            let ours_from_truth = truth_from_ours.map_or_else(Isometry3::identity, |found| found.inverse());
+            Some(coverage::measure_coverage(&true_wall, panorama, &ours_from_truth)?)
         }
         None => None,
     };
-    let relief = relief(&survey, &ours, &truth, out)?;
+    let relief = match (&true_relief, truth_from_ours) {
+        (Some(relief), Some(truth_from_ours)) if out.join("surface/surface.json").is_file() => {
+            relief::measure_relief(&SurfaceStore::open(out)?, &true_wall, relief, &truth_from_ours)?
+        }
+        _ => None,
+    };
     Ok(Evaluation {
         survey: survey_folder.to_owned(),
         out: out.to_owned(),
@@ -133,32 +145,19 @@ pub fn evaluate(survey_folder: &Path, out: &Path) -> Result<Evaluation, Evaluate
     })
 }
 
-/// The measured wall against the true one, where both are there.
-fn relief(
-    survey: &Survey,
-    ours: &[PhotoPose],
-    truth: &[PhotoPose],
-    out: &Path,
-) -> Result<Option<ReliefEvaluation>, EvaluateError> {
-    let measured = out.join("surface/surface.json").is_file();
-    let true_relief = TrueRelief::read(&survey.folder.join("truth"))?.filter(|_| measured);
-    let (Some(true_relief), Some(truth_from_ours)) = (true_relief, relief::truth_from_ours(ours, truth)) else {
-        return Ok(None);
-    };
-    let nominal = &survey.config.profile;
-    let seen = coverage::Seen::by(survey, &nominal.build()?, truth, &true_relief.grid)?;
-    let store = SurfaceStore::open(out)?;
-    Ok(relief::measure_relief(&store, nominal, &true_relief, &seen, &truth_from_ours)?)
-}
-
-/// The true poses of the survey's photos. A double shot has a truth too, but may be no photo of the survey.
+/// The true poses of the survey's photos, under the survey's names. A double shot has a truth too, but may be no photo of the
+/// survey.
 fn of_survey(truth: Vec<PhotoPose>, survey: &Survey, notes: &mut Vec<String>) -> Vec<PhotoPose> {
-    let named: HashSet<&str> = survey.photos.iter().map(|photo| poses::file_name(&photo.name)).collect();
-    let (truth, others): (Vec<_>, Vec<_>) =
-        truth.into_iter().partition(|pose| named.contains(poses::file_name(&pose.photo)));
-    if !others.is_empty() {
-        let names: Vec<&str> = others.iter().map(|pose| pose.photo.as_str()).collect();
-        notes.push(format!("no photos of the survey, so not compared: {}", names.join(", ")));
+    let names = Names::of(survey.photos.iter().map(|photo| (photo.name.as_str(), photo)));
+    let (mut found, mut others) = (Vec::new(), Vec::new());
+    for pose in truth {
+        match names.find(&pose.photo) {
+            Some(photo) => found.push(PhotoPose { photo: photo.name.clone(), ..pose }),
+            None => others.push(pose.photo),
+        }
     }
-    truth
+    if !others.is_empty() {
+        notes.push(format!("no photos of the survey, so not compared: {}", others.join(", ")));
+    }
+    found
 }

@@ -82,7 +82,7 @@ pub struct PoseEvaluation {
 
 /// Compares estimated poses with true ones.
 pub(crate) fn compare_poses(estimated: &[PhotoPose], truth: &[PhotoPose]) -> PoseEvaluation {
-    let names = Names::of(estimated);
+    let names = Names::of(estimated.iter().map(|pose| (pose.photo.as_str(), pose)));
     let mut used = HashSet::new();
     let (mut pairs, mut prior_only, mut missing) = (Vec::new(), Vec::new(), Vec::new());
     for true_pose in truth {
@@ -124,29 +124,30 @@ pub(crate) fn compare_poses(estimated: &[PhotoPose], truth: &[PhotoPose]) -> Pos
     }
 }
 
-/// Poses by the photo's name, with its folder or, where that is unique, without.
-struct Names<'a> {
-    whole: HashMap<&'a str, &'a PhotoPose>,
-    file: HashMap<&'a str, Option<&'a PhotoPose>>,
+/// What belongs to photos by the photo's name, with its folder or, where that is unique, without.
+pub(super) struct Names<'a, T> {
+    whole: HashMap<&'a str, &'a T>,
+    file: HashMap<&'a str, Option<&'a T>>,
 }
 
-impl<'a> Names<'a> {
-    fn of(poses: &'a [PhotoPose]) -> Self {
-        let mut file: HashMap<&str, Option<&PhotoPose>> = HashMap::new();
-        for pose in poses {
-            file.entry(file_name(&pose.photo)).and_modify(|first| *first = None).or_insert(Some(pose));
+impl<'a, T> Names<'a, T> {
+    pub(super) fn of(named: impl Iterator<Item = (&'a str, &'a T)>) -> Self {
+        let (mut whole, mut file) = (HashMap::new(), HashMap::new());
+        for (photo, item) in named {
+            whole.insert(photo, item);
+            file.entry(file_name(photo)).and_modify(|first| *first = None).or_insert(Some(item));
         }
-        Self { whole: poses.iter().map(|pose| (pose.photo.as_str(), pose)).collect(), file }
+        Self { whole, file }
     }
 
-    fn find(&self, photo: &str) -> Option<&'a PhotoPose> {
+    pub(super) fn find(&self, photo: &str) -> Option<&'a T> {
         let whole = self.whole.get(photo).copied();
         whole.or_else(|| self.file.get(file_name(photo)).copied().flatten())
     }
 }
 
 /// The name without its folder.
-pub(super) fn file_name(photo: &str) -> &str {
+fn file_name(photo: &str) -> &str {
     photo.rsplit('/').next().unwrap_or(photo)
 }
 

@@ -10,13 +10,14 @@ use adit_geometry::profile::{Profile, ProfileSpec};
 use nalgebra::{DMatrix, DVector, Isometry3, Point3, Translation3, Vector2, Vector3};
 use serde::Serialize;
 
-use super::coverage::Seen;
+use super::EvaluateError;
+use super::coverage::{Seen, TrueWall};
 use super::drift::mean_rotation;
 use super::poses::Spread;
 use super::wall_image::{WallGrid, WallImageError};
 use crate::adjust::median;
 use crate::poses::{PhotoPose, PoseStatus};
-use crate::surface::{SurfaceError, SurfaceStore};
+use crate::surface::SurfaceStore;
 
 /// Distance of the places that are compared, around and along.
 const STEP_M: f64 = 0.025;
@@ -90,23 +91,38 @@ impl TrueRelief {
         Ok(Some(Self { grid, heights_m }))
     }
 
-    /// The height between four cells; `None` outside, and near a pipe.
-    fn at(&self, s_m: f64, x_m: f64) -> Option<f64> {
-        let cell_m = self.grid.mm_per_px * 1e-3;
-        let (column, row) = ((s_m - self.grid.s0_m) / cell_m - 0.5, (x_m - self.grid.x0_m) / cell_m - 0.5);
+    /// The lining's height between four cells; `None` outside, and where a pipe stands before it.
+    pub(super) fn lining_m(&self, s_m: f64, x_m: f64) -> Option<f64> {
+        let [column, row] = self.cell_at(s_m, x_m);
         let (left, upper) = (column.floor(), row.floor());
-        let value = |column: f64, row: f64| -> Option<f64> {
-            let inside = row >= 0.0 && row < self.grid.height_px as f64;
-            let column = column.rem_euclid(self.grid.width_px as f64) as usize;
-            let height_m = *self.heights_m.get(row.max(0.0) as usize * self.grid.width_px + column)?;
-            (inside && height_m.is_finite()).then_some(f64::from(height_m))
+        let line = |row: f64| {
+            let [a, b] = [self.cell(left, row)?, self.cell(left + 1.0, row)?];
+            Some(a + (column - left) * (b - a))
         };
-        let margin = PIPE_MARGIN_M / cell_m;
-        for (ds, dx) in [(margin, 0.0), (-margin, 0.0), (0.0, margin), (0.0, -margin)] {
-            value((left + ds).round(), (upper + dx).round().clamp(0.0, self.grid.height_px as f64 - 1.0))?;
-        }
-        let line = |row: f64| Some(value(left, row)? + (column - left) * (value(left + 1.0, row)? - value(left, row)?));
         Some(line(upper)? + (row - upper) * (line(upper + 1.0)? - line(upper)?))
+    }
+
+    /// The same, but `None` near a pipe too.
+    fn at(&self, s_m: f64, x_m: f64) -> Option<f64> {
+        let [left, upper] = self.cell_at(s_m, x_m).map(f64::floor);
+        let margin = PIPE_MARGIN_M / (self.grid.mm_per_px * 1e-3);
+        for (ds, dx) in [(margin, 0.0), (-margin, 0.0), (0.0, margin), (0.0, -margin)] {
+            self.cell((left + ds).round(), (upper + dx).round().clamp(0.0, self.grid.height_px as f64 - 1.0))?;
+        }
+        self.lining_m(s_m, x_m)
+    }
+
+    /// Column and row of a place, whole numbers in the middle of cells.
+    fn cell_at(&self, s_m: f64, x_m: f64) -> [f64; 2] {
+        let cell_m = self.grid.mm_per_px * 1e-3;
+        [(s_m - self.grid.s0_m) / cell_m - 0.5, (x_m - self.grid.x0_m) / cell_m - 0.5]
+    }
+
+    fn cell(&self, column: f64, row: f64) -> Option<f64> {
+        let inside = row >= 0.0 && row < self.grid.height_px as f64;
+        let column = column.rem_euclid(self.grid.width_px as f64) as usize;
+        let height_m = *self.heights_m.get(row.max(0.0) as usize * self.grid.width_px + column)?;
+        (inside && height_m.is_finite()).then_some(f64::from(height_m))
     }
 }
 
@@ -125,12 +141,12 @@ struct Place {
 /// Compares the wall in `out` with the truth.
 pub(super) fn measure_relief(
     store: &SurfaceStore,
-    nominal: &ProfileSpec<f64>,
+    wall: &TrueWall,
     truth: &TrueRelief,
-    seen: &Seen,
     truth_from_ours: &Isometry3<f64>,
-) -> Result<Option<ReliefEvaluation>, SurfaceError> {
-    let profile = nominal.build()?;
+) -> Result<Option<ReliefEvaluation>, EvaluateError> {
+    let seen = Seen::by(wall, &truth.grid)?;
+    let profile = &wall.profile;
     let rows_m = truth.grid.height_px as f64 * truth.grid.mm_per_px * 1e-3;
     let mut places = Vec::new();
     for strip in 0..(rows_m / STRIP_M).ceil() as usize {
@@ -142,10 +158,10 @@ pub(super) fn measure_relief(
             places.extend((0..around).filter_map(|column| {
                 let s_m = (column as f64 + 0.5) * STEP_M;
                 let ours = window.point(s_m, x_m).position;
-                let (aligned_s_m, height_m, at) = over(&profile, truth_from_ours * ours)?;
+                let (aligned_s_m, height_m, at) = over(profile, truth_from_ours * ours)?;
                 let true_m = truth.at(aligned_s_m, at)?;
                 let absolute_m =
-                    over(&profile, ours).and_then(|(s_m, height_m, x_m)| Some(height_m - truth.at(s_m, x_m)?));
+                    over(profile, ours).and_then(|(s_m, height_m, x_m)| Some(height_m - truth.at(s_m, x_m)?));
                 let known = window.confidence(s_m, x_m) > 0.0;
                 (seen.photos_at(aligned_s_m, at) >= 2).then_some(Place {
                     s_m: aligned_s_m,
@@ -165,7 +181,11 @@ pub(super) fn measure_relief(
     let aligned: Vec<f64> = known().map(|place| place.height_m - place.true_m).collect();
     let constant_m = median(&aligned);
     let true_median_m = median(&places.iter().map(|place| place.true_m).collect::<Vec<_>>());
-    let rings = if matches!(nominal, ProfileSpec::Circle { .. }) { rings(&places, &profile) } else { Vec::new() };
+    let rings = if matches!(wall.survey.config.profile, ProfileSpec::Circle { .. }) {
+        rings(&places, profile)
+    } else {
+        Vec::new()
+    };
     let worst = rings.iter().map(|ring| (ring.measured_percent - ring.true_percent).abs()).reduce(f64::max);
     Ok(Some(ReliefEvaluation {
         places: places.len(),

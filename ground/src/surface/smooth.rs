@@ -1,19 +1,22 @@
 //! Heights made whole: what the photos say, smooth where they say little.
 
-use super::sweep::Found;
+use super::sweep::{FINE_SAMPLES, Found};
 
-/// Neighbouring cells differ by about this much on a real wall (slopes of an eighth at cells of 25 mm).
-const NEIGHBOURS_M: f32 = 0.003;
-/// Steps larger than this are believed to be edges: the scale of the Cauchy loss between neighbours.
-const EDGE_M: f32 = 0.006;
-/// Measured heights farther from the surface are believed to be wrong: the scale of the Cauchy loss on them.
-const WRONG_M: f32 = 0.008;
+/// Real walls slope about so much: the scale of the differences between neighbouring cells, over their distance.
+const SLOPE: f32 = 0.12;
+/// Steeper steps are believed to be edges: the scale of the Cauchy loss between neighbours, over their distance.
+const EDGE_SLOPE: f32 = 0.24;
+/// Measured heights farther from the surface are believed to be wrong: the scale of the Cauchy loss on them, in samples
+/// of the sweep, for its errors are as large as its samples.
+const WRONG_SAMPLES: f32 = 1.3;
+/// Heights farther than this from the surface in the end are called unknown.
+const REFUSED_SAMPLES: f32 = 1.9;
 /// Added to every measured height's sigma: poses and lens.
 const FLOOR_M: f32 = 0.001;
-/// Where nothing was measured heights fade to the ring's over about so many cells.
-const FADE_CELLS: f32 = 10.0;
-/// Heights farther than this from the surface in the end are called unknown.
-const REFUSED_M: f32 = 0.012;
+/// Where nothing was measured heights fade to the ring's over about this distance.
+const FADE_M: f32 = 0.25;
+/// The relaxation starts from the median of what was found within this distance, around and along.
+const START_M: f32 = 0.05;
 /// Rounds of relaxation.
 const ROUNDS: usize = 60;
 /// Over-relaxation.
@@ -32,12 +35,15 @@ pub(super) struct Smoothed {
 /// # Method
 /// C: Cauchy losses, so that wrong heights and true edges are let go; successive over-relaxation with the losses' weights
 /// renewed on the way. It starts from the median of what was found around each cell. Blake and Zisserman, "Visual
-/// Reconstruction", 1987 (weak membrane).
-pub(super) fn smooth(found: &[Found], ring_m: &[f32], columns: usize) -> Smoothed {
+/// Reconstruction", 1987 (weak membrane). `step_m` is the distance of cells: all scales are slopes, lengths or samples, so
+/// that coarse photos, whose cells are large, keep a bulge as fine ones do.
+pub(super) fn smooth(found: &[Found], ring_m: &[f32], columns: usize, step_m: f32) -> Smoothed {
     let rows = found.len() / columns;
-    let mut height_m: Vec<f32> = start(found, ring_m, columns);
-    let smoothness = 1.0 / (NEIGHBOURS_M * NEIGHBOURS_M);
-    let fade = smoothness / (FADE_CELLS * FADE_CELLS);
+    let sample_m = step_m / FINE_SAMPLES as f32;
+    let [edge_m, wrong_m, refused_m] = [EDGE_SLOPE * step_m, WRONG_SAMPLES * sample_m, REFUSED_SAMPLES * sample_m];
+    let mut height_m: Vec<f32> = start(found, ring_m, columns, (START_M / step_m).round().max(1.0) as usize);
+    let smoothness = (SLOPE * step_m).powi(-2);
+    let fade = smoothness * (step_m / FADE_M).powi(2);
     let data: Vec<f32> =
         found.iter().map(|found| found.confidence / (found.sigma_m.powi(2) + FLOOR_M * FLOOR_M)).collect();
     for _ in 0..ROUNDS {
@@ -54,11 +60,11 @@ pub(super) fn smooth(found: &[Found], ring_m: &[f32], columns: usize) -> Smoothe
                 let (mut sum, mut weights) = (fade * ring_m[at], fade);
                 for neighbour in [left, right, upper, lower] {
                     let level = height_m[neighbour] - ring_m[neighbour];
-                    let weight = smoothness * cauchy(level - above_ring, EDGE_M);
+                    let weight = smoothness * cauchy(level - above_ring, edge_m);
                     sum += weight * (level + ring_m[at]);
                     weights += weight;
                 }
-                let measured = data[at] * cauchy(found[at].height_m - here, WRONG_M);
+                let measured = data[at] * cauchy(found[at].height_m - here, wrong_m);
                 sum += measured * found[at].height_m;
                 weights += measured;
                 height_m[at] = here + HASTE * (sum / weights - here);
@@ -66,7 +72,7 @@ pub(super) fn smooth(found: &[Found], ring_m: &[f32], columns: usize) -> Smoothe
         }
     }
     let believed = |(found, height_m): (&Found, &f32)| {
-        if (found.height_m - height_m).abs() > REFUSED_M { 0.0 } else { found.confidence }
+        if (found.height_m - height_m).abs() > refused_m { 0.0 } else { found.confidence }
     };
     let confidence = found.iter().zip(&height_m).map(believed).collect();
     Smoothed { height_m, confidence }
@@ -76,17 +82,17 @@ fn cauchy(difference_m: f32, scale_m: f32) -> f32 {
     1.0 / (1.0 + (difference_m / scale_m).powi(2))
 }
 
-/// Medians of the found heights over 5 x 5 cells; the ring's where there are none.
-fn start(found: &[Found], ring_m: &[f32], columns: usize) -> Vec<f32> {
+/// Medians of the found heights up to `reach` cells away; the ring's where there are none.
+fn start(found: &[Found], ring_m: &[f32], columns: usize, reach: usize) -> Vec<f32> {
     let rows = found.len() / columns;
-    let mut near = Vec::with_capacity(25);
+    let mut near = Vec::new();
     let mut heights = Vec::with_capacity(found.len());
     for row in 0..rows {
         for column in 0..columns {
             near.clear();
-            for line in row.saturating_sub(2)..(row + 3).min(rows) {
-                for step in 0..5 {
-                    let at = line * columns + (column + columns + step - 2) % columns;
+            for line in row.saturating_sub(reach)..(row + reach + 1).min(rows) {
+                for step in 0..=2 * reach {
+                    let at = line * columns + (column + columns + step - reach) % columns;
                     if found[at].confidence > 0.0 {
                         near.push(found[at].height_m - ring_m[at]);
                     }
@@ -105,6 +111,7 @@ mod tests {
     use super::*;
 
     const COLUMNS: usize = 40;
+    const STEP_M: f32 = 0.025;
 
     fn cell(height_m: f32) -> Found {
         Found { height_m, sigma_m: 0.001, confidence: 1.0 }
@@ -117,7 +124,7 @@ mod tests {
         for row in 10..14 {
             found[row * COLUMNS + 20..row * COLUMNS + 24].fill(Found::default());
         }
-        let smoothed = smooth(&found, &vec![0.0; found.len()], COLUMNS);
+        let smoothed = smooth(&found, &vec![0.0; found.len()], COLUMNS, STEP_M);
         assert_eq!(smoothed.confidence[15 * COLUMNS + 7], 0.0);
         // 50 mm off, believed with a fortieth of its weight.
         assert!((smoothed.height_m[15 * COLUMNS + 7] - 0.02).abs() < 0.002);
@@ -128,20 +135,25 @@ mod tests {
     #[test]
     fn an_edge_stays_an_edge() {
         let found: Vec<Found> = (0..COLUMNS * 20).map(|at| cell(if at % COLUMNS < 20 { 0.0 } else { 0.05 })).collect();
-        let smoothed = smooth(&found, &vec![0.0; found.len()], COLUMNS);
+        let smoothed = smooth(&found, &vec![0.0; found.len()], COLUMNS, STEP_M);
         let line = &smoothed.height_m[10 * COLUMNS..][..COLUMNS];
         assert!(line[18].abs() < 0.002 && (line[21] - 0.05).abs() < 0.002, "{line:?}");
     }
 
     #[test]
-    fn a_measured_bulge_keeps_its_height() {
-        let shape = |at: usize| {
-            let (column, row) = ((at % COLUMNS) as f32 - 20.0, (at / COLUMNS) as f32 - 15.0);
-            0.05 * (-(column * column + row * row) / 72.0).exp()
-        };
-        let found: Vec<Found> = (0..COLUMNS * 30).map(|at| cell(shape(at))).collect();
-        let smoothed = smooth(&found, &vec![0.0; found.len()], COLUMNS);
-        let worst = (0..found.len()).map(|at| (smoothed.height_m[at] - shape(at)).abs()).fold(0.0, f32::max);
-        assert!(worst < 0.0015, "{worst} m");
+    fn a_measured_bulge_keeps_its_height_in_small_cells_and_in_large_ones() {
+        for step_m in [0.02, 0.025, 0.063] {
+            let shape = |at: usize| {
+                let (s_m, x_m) = ((at % COLUMNS) as f32 * step_m - 0.5, (at / COLUMNS) as f32 * step_m - 0.4);
+                0.03 * (-(s_m * s_m + x_m * x_m) / (2.0 * 0.15 * 0.15)).exp()
+            };
+            let sigma_m = 0.04 * step_m;
+            let cell = |at: usize| Found { height_m: shape(at), sigma_m, confidence: 1.0 };
+            let found: Vec<Found> = (0..COLUMNS * 40).map(cell).collect();
+            let smoothed = smooth(&found, &vec![0.0; found.len()], COLUMNS, step_m);
+            let worst = (0..found.len()).map(|at| (smoothed.height_m[at] - shape(at)).abs()).fold(0.0, f32::max);
+            assert!(worst < 0.0015, "{worst} m at cells of {step_m} m");
+            assert!(smoothed.confidence.iter().all(|confidence| *confidence > 0.0));
+        }
     }
 }

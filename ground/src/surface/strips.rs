@@ -126,7 +126,7 @@ impl Job<'_> {
                     found[row * columns + tile.column0 as usize..][..tile.columns].copy_from_slice(line);
                 }
             }
-            smoothed = smooth(&found, ring_m, columns);
+            smoothed = smooth(&found, ring_m, columns, self.lattice.step_s_m as f32);
         }
         smoothed
     }

@@ -3,7 +3,7 @@
 //! ```text
 //! OUT/board.log
 //! OUT/DCIM/100GOPRO/GOPRnnnn.JPG
-//! OUT/truth/poses.csv texture.jpg texture.json photos.csv flight.csv masks/
+//! OUT/truth/poses.csv texture.jpg texture.json relief.f32 relief.json photos.csv flight.csv masks/
 //! OUT/mission.toml            the mission as it was given
 //! OUT/flight.json             seed, versions, files, figures, the resolved simulation
 //! ```
@@ -26,6 +26,7 @@ use crate::check::Report;
 use crate::config::{CardConfig, Simulation};
 use crate::flight::Flight;
 use crate::render::card::{CardPlace, write_file, write_mask, write_photo};
+use crate::render::relief::write_relief;
 use crate::render::truth::{TextureGeometry, write_poses, write_texture};
 use crate::render::{ExifTime, PhotoRenderer, RenderError, Shot};
 use crate::scene::paint::LiningPaint;
@@ -112,7 +113,7 @@ pub fn write_card(out: &Path, source: &CardSource<'_>, photos: Option<&(dyn Fn()
     let mut truth_files = vec!["truth/poses.csv", "truth/photos.csv", "truth/flight.csv"];
     if let Some(after_each) = photos {
         write_photos(out, source, &places, after_each)?;
-        truth_files.extend(["truth/texture.jpg", "truth/texture.json"]);
+        truth_files.extend(["truth/texture.jpg", "truth/texture.json", "truth/relief.f32", "truth/relief.json"]);
     }
     let json = FlightJson {
         format: 1,
@@ -165,6 +166,7 @@ fn write_photos(
     let stations_m = stations_m.chain([simulation.pilot.start_x_m]);
     let geometry = TextureGeometry::around(flight.wall.profile(), stations_m, render.truth_mm_per_px);
     write_texture(&out.join("truth"), &geometry, paint.as_ref())?;
+    write_relief(&out.join("truth"), flight.wall.profile(), &flight.wall, &geometry)?;
     Ok(())
 }
 

@@ -12,6 +12,7 @@ mod exif;
 mod light;
 mod photo;
 mod rays;
+pub(crate) mod relief;
 mod sensor;
 pub mod truth;
 mod vehicle;

@@ -8,7 +8,6 @@ mod change;
 mod exposure;
 mod kind;
 mod path;
-mod relief;
 mod tags;
 
 use std::path::Path;
@@ -27,6 +26,7 @@ pub use change::{Changes, Stain};
 pub use kind::SetKind;
 
 use crate::render::card::{CardPlace, encode_photo, write_file, write_mask};
+use crate::render::relief::write_relief;
 use crate::render::truth::{TextureGeometry, write_exposures, write_poses, write_texture};
 use crate::render::{ExifTime, PhotoRenderer, RenderConfig, RenderError, Shot};
 use crate::scene::paint::{LiningPaint, Paint};
@@ -141,9 +141,7 @@ pub fn make_set(out: &Path, options: &SetOptions, after_each: &(dyn Fn(usize) + 
     if options.texture {
         write_texture(&out.join("truth"), &geometry, set.paint.as_ref())?;
     }
-    let rows_m = geometry.height_px as f64 * geometry.mm_per_px * 1e-3;
-    let stretch_m = [geometry.x0_m, geometry.x0_m + rows_m];
-    relief::write_relief(&out.join("truth"), &set.survey.profile.build()?, &set.wall, stretch_m)?;
+    write_relief(&out.join("truth"), &set.survey.profile.build()?, &set.wall, &geometry)?;
     Ok(set.figures)
 }
 

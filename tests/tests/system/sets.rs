@@ -95,7 +95,7 @@ fn bulges_and_ovality_are_measured_to_millimetres() {
     let number = |of: &serde_json::Value| of.as_f64().unwrap_or_else(|| panic!("a number: {relief:#}"));
     // Bulges and ovality are there to be found, and are found at half the samples' resolution.
     assert!(number(&relief["true_relief_mm"]["rmse"]) > 15.0, "{relief:#}");
-    assert!(number(&relief["shape_mm"]["rmse"]) < 5.0, "{relief:#}");
+    assert!(number(&relief["shape_mm"]["rmse"]) < 3.0, "{relief:#}");
     assert!(number(&relief["known_percent"]) > 70.0, "{relief:#}");
     // The section's size comes from the ranges of thirty tags: 0.3 % of 3 m.
     assert!(number(&relief["constant_mm"]).abs() < 20.0, "{relief:#}");
@@ -126,6 +126,17 @@ fn a_stain_that_came_up_between_two_flights_is_found() {
     let found = looks.iter().find(|change| holds(change, stain));
     let found = found.unwrap_or_else(|| panic!("the stain is not among {report:#}"));
     assert!(number(&found["grey"]) < -10.0 && (300.0..650.0).contains(&number(&found["area_cm2"])), "{found:#}");
-    // Photos this coarse do not measure the bulge; what they do measure agrees.
+    // At the edges of what was seen two photos of the coarse set may differ.
+    assert!(looks.len() <= 4, "{report:#}");
+    let bulge = &truth["later"][0]["bulge"];
+    let heights = report["relief"]["changes"].as_array().expect("a list");
+    // At 16 mm per pixel the bulge's middle may stay unknown, but nothing else has moved.
+    let of_bulge = |region: &serde_json::Value| {
+        let middle = |from: &str, to: &str| 0.5 * (number(&region[from]) + number(&region[to]));
+        let [s_m, x_m] = [middle("s_from_m", "s_to_m"), middle("x_from_m", "x_to_m")];
+        let reach_m = 3.0 * number(&bulge["sigma_m"]);
+        (s_m - number(&bulge["s_m"])).hypot(x_m - number(&bulge["x_m"])) < reach_m && number(&region["height_mm"]) > 6.0
+    };
+    assert!(heights.iter().all(of_bulge), "{bulge:#} {report:#}");
     assert!(number(&report["relief"]["compared_m2"]) > 50.0, "{report:#}");
 }

@@ -7,9 +7,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde_json::json;
 
-use crate::render::RenderError;
-use crate::render::card::write_file;
-use crate::render::truth::TextureGeometry;
+use super::RenderError;
+use super::card::write_file;
+use super::truth::TextureGeometry;
 use crate::scene::{Surface, Wall};
 
 /// Size of a cell, about.
@@ -18,18 +18,20 @@ const CELL_MM: f64 = 25.0;
 const INSIDE_M: f64 = 0.5;
 
 /// Writes `truth/relief.json` (the fields of texture.json) and `truth/relief.f32`: per cell, row by row, the lining's height
-/// over the nominal section in metres, positive inwards, little-endian; NaN where a pipe stands before it.
+/// over the nominal section in metres, positive inwards, little-endian; NaN where a pipe stands before it. Over the stretch of the
+/// true texture.
 ///
 /// # Method
 /// A ray per cell along the nominal section's normal: true for any section and any wall, since only the wall's own
 /// ray-cast is asked.
-pub(super) fn write_relief(
+pub(crate) fn write_relief(
     folder: &Path,
     nominal: &Profile<f64>,
     wall: &Wall,
-    x_m: [f64; 2],
+    texture: &TextureGeometry,
 ) -> Result<(), RenderError> {
-    let grid = TextureGeometry::new(nominal, x_m[0], x_m[1], CELL_MM);
+    let end_m = texture.x0_m + texture.height_px as f64 * texture.mm_per_px * 1e-3;
+    let grid = TextureGeometry::new(nominal, texture.x0_m, end_m, CELL_MM);
     let cell_m = grid.mm_per_px * 1e-3;
     let heights: Vec<f32> = (0..grid.width_px * grid.height_px)
         .into_par_iter()
