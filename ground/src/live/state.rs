@@ -146,13 +146,17 @@ impl State {
             (BOARD_COMPONENT, Incoming::Heartbeat { custom_mode, .. }) => {
                 self.mode.set(now, mode(*custom_mode));
             }
-            (AUTOPILOT_COMPONENT, Incoming::Heartbeat { autopilot, base_mode, .. }) if *autopilot != NO_AUTOPILOT => {
-                let name = match Autopilot::from(*autopilot) {
+            (AUTOPILOT_COMPONENT, &Incoming::Heartbeat { autopilot, base_mode, custom_mode, .. })
+                if autopilot != NO_AUTOPILOT =>
+            {
+                let autopilot = Autopilot::from(autopilot);
+                let name = match autopilot {
                     Autopilot::ArduPilot => "ArduPilot",
                     Autopilot::Px4 => "PX4",
                     Autopilot::Other(_) => "autopilot",
                 };
-                self.autopilot.set(now, Some(AutopilotView { name, is_armed: base_mode & ARMED != 0 }));
+                let (mode, is_armed) = (autopilot.mode_name(custom_mode), base_mode & ARMED != 0);
+                self.autopilot.set(now, Some(AutopilotView { name, mode, is_armed }));
             }
             (AUTOPILOT_COMPONENT, Incoming::Attitude { angles_rad: [roll_rad, ..] }) => {
                 self.roll_rad.set(now, finite(*roll_rad));
