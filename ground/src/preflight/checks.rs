@@ -53,8 +53,8 @@ pub(super) fn autopilot(list: &mut Preflight, watch: &Watch, version: Option<[u8
         }
     };
     let told = version.map_or("version not told".to_owned(), |[major, minor, ..]| format!("{major}.{minor}"));
-    let armed = if beat.armed { ", armed" } else { "" };
-    let words = format!("{name} {told}, {}{armed}", ModeWords(kind, beat.mode));
+    let armed = if beat.is_armed() { ", armed" } else { "" };
+    let words = format!("{name} {told}, {}{armed}", ModeWords(kind, beat.custom_mode));
     let is_coarse =
         kind == Autopilot::ArduPilot && version.is_some_and(|[major, minor, ..]| [major, minor] < FINE_VERSION);
     let planned_mps = mission

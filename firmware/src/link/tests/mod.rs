@@ -209,7 +209,9 @@ fn a_card_that_failed_is_asked_again_when_somebody_asks_again() {
         assert_eq!(link.take_log_wish(), Some(wish));
         link.hear_logs(wish, LogAnswer::Failed);
         // An end of the log, or an empty list, would be a lie.
-        assert!(!said(&mut link, 0).iter().any(|said| matches!(said, Incoming::LogData { .. } | Incoming::LogEntry { .. })));
+        assert!(
+            !said(&mut link, 0).iter().any(|said| matches!(said, Incoming::LogData { .. } | Incoming::LogEntry { .. }))
+        );
         assert_eq!(link.take_log_wish(), None);
         link.receive(0, Port::Service, &ask);
         assert_eq!(link.take_log_wish(), Some(wish));

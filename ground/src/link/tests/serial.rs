@@ -50,7 +50,8 @@ async fn bytes_that_are_no_frames_are_told_with_the_port_and_what_to_try() {
 async fn what_is_no_serial_port_is_named_with_those_that_are() {
     let file = tempfile::NamedTempFile::new().unwrap();
     let path = file.path().to_string_lossy().into_owned();
-    let error = Line::open(&Connection::Serial { path: path.clone(), baud: 57_600 }, PATIENCE.silence).await.unwrap_err();
+    let error =
+        Line::open(&Connection::Serial { path: path.clone(), baud: 57_600 }, PATIENCE.silence).await.unwrap_err();
     let LinkError::Serial { trouble: SerialTrouble::Other, known, .. } = &error else { panic!("{error:?}") };
     let words = error.to_string();
     assert!(words.contains(&path) && known.iter().all(|port| words.contains(port)), "{words}");

@@ -17,8 +17,8 @@ fn after_a_card_that_failed_in_a_fetch_logs_are_told_again() {
     let setup = Setup { fram, faults, ..Setup::new(1).expect("a card") };
     let mut board = EmulatedBoard::new(&image(), &parameters(), setup).expect("a board");
     let (mut ground, mut decoder) = (Sender::new(255, 190), FrameDecoder::default());
-    // Before the card's reads fail, as they begin to, and when there is a log again.
-    let asked_ms = [2500, 3000, 8000];
+    // Before the card's reads fail, while they do, and when there is a log again.
+    let asked_ms = [2500, 3100, 8000];
     let mut answers = [0; 3];
     for now_ms in (0..9000).step_by(STEP_MS as usize) {
         if asked_ms.contains(&now_ms) {

@@ -92,7 +92,16 @@ fn a_plan_is_loaded_into_the_image_which_is_then_ready_to_fly() {
     let (code, list) = figures(&["preflight", &line, "--mission", MISSION]);
     assert_eq!((code, &list["ready"]), (Some(0), &Json::from(true)), "{list:#}");
     let good = [
-        "link", "firmware", "board", "parameters", "card", "clock", "sensors", "self-test", "camera", "enforcement",
+        "link",
+        "firmware",
+        "board",
+        "parameters",
+        "card",
+        "clock",
+        "sensors",
+        "self-test",
+        "camera",
+        "enforcement",
         "restart",
     ];
     assert_eq!(judged(&list, "yes"), good, "{list:#}");
