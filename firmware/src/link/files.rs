@@ -35,6 +35,8 @@ pub enum LogAnswer {
     List(LogList),
     /// Bytes from where they were wanted.
     Read(LogBytes),
+    /// The card failed. Nothing is said, as if the question had been lost on the line: who asked asks again.
+    Failed,
 }
 
 /// The service.
@@ -101,19 +103,20 @@ impl LogServer {
             LogAnswer::List(list) if self.wants_list => {
                 (self.list, self.listed, self.wants_list) = (Some(list), 0, false);
             }
-            LogAnswer::Read(bytes)
-                if self.stretch.is_some_and(|stretch| {
-                    wish == LogWish::Read { number: stretch.number, offset: stretch.offset }
-                }) =>
-            {
+            LogAnswer::Read(bytes) if self.wants_bytes(wish) => {
                 (self.bytes, self.sent) = (bytes, 0);
                 if self.bytes.is_empty() {
                     // An empty piece tells the end.
                     self.sent = usize::MAX;
                 }
             }
+            LogAnswer::Failed if self.wants_list || self.wants_bytes(wish) => self.end(),
             _ => {}
         }
+    }
+
+    fn wants_bytes(&self, wish: LogWish) -> bool {
+        self.stretch.is_some_and(|stretch| wish == LogWish::Read { number: stretch.number, offset: stretch.offset })
     }
 
     /// To whom the next frame goes, if there is one.

@@ -50,48 +50,40 @@ const NONE: Row = Row { name: "", way: Way::None, floor_mps: 0.0, ..COMMAND };
 
 /// The row of an autopilot's mode. An autopilot that does not tell its version (major, minor) counts as an old one.
 pub(super) fn row(autopilot: Autopilot, version: Option<[u8; 2]>, custom_mode: u32) -> Row {
-    match autopilot {
-        Autopilot::ArduPilot => {
-            let row = ardupilot(custom_mode);
-            let coarse = row.way == Way::Command && version.is_none_or(|version| version < FINE_VERSION);
-            Row { floor_mps: if coarse { 0.1 } else { row.floor_mps }, ..row }
-        }
+    let (row, unnamed) = match autopilot {
+        Autopilot::ArduPilot => (ardupilot(custom_mode), "this mode"),
         // main << 16 | sub << 24.
-        Autopilot::Px4 => px4(custom_mode >> 16 & 0xFF, custom_mode >> 24),
-        Autopilot::Other(_) => Row { name: "unknown autopilot", ..NONE },
-    }
+        Autopilot::Px4 => (px4(custom_mode >> 16 & 0xFF, custom_mode >> 24), "this mode"),
+        Autopilot::Other(_) => (NONE, "unknown autopilot"),
+    };
+    let is_coarse = autopilot == Autopilot::ArduPilot
+        && row.way == Way::Command
+        && version.is_none_or(|version| version < FINE_VERSION);
+    let floor_mps = if is_coarse { 0.1 } else { row.floor_mps };
+    Row { name: autopilot.mode_name(custom_mode).unwrap_or(unnamed), floor_mps, ..row }
 }
 
 fn ardupilot(mode: u32) -> Row {
     match mode {
-        3 => Row { name: "AUTO", ..COMMAND },
-        4 => Row { name: "GUIDED", follows: true, ..COMMAND },
-        5 => Row { name: "LOITER", way: Way::LoiterParameter, floor_mps: 0.2, ..PARAMETER },
-        6 => Row { name: "RTL", ..COMMAND },
-        27 => Row { name: "AUTO RTL", ..COMMAND },
-        0 => Row { name: "STABILIZE", ..NONE },
-        1 => Row { name: "ACRO", ..NONE },
-        2 => Row { name: "ALT_HOLD", ..NONE },
-        9 => Row { name: "LAND", ..NONE },
-        16 => Row { name: "POSHOLD", ..NONE },
-        17 => Row { name: "BRAKE", ..NONE },
-        _ => Row { name: "this mode", ..NONE },
+        // Auto, RTL, Auto RTL.
+        3 | 6 | 27 => COMMAND,
+        // Guided.
+        4 => Row { follows: true, ..COMMAND },
+        // Loiter.
+        5 => Row { way: Way::LoiterParameter, floor_mps: 0.2, ..PARAMETER },
+        _ => NONE,
     }
 }
 
 fn px4(main: u32, sub: u32) -> Row {
     match (main, sub) {
-        (4, 3) => Row { name: "HOLD", ..COMMAND },
-        (4, 4) => Row { name: "MISSION", ..COMMAND },
-        (3, 2) => Row { name: "POSITION SLOW", floor_mps: 0.3, velocity_limits: true, ..PARAMETER },
-        (3, 0) => Row { name: "POSITION", ..PARAMETER },
-        (1, _) => Row { name: "MANUAL", ..NONE },
-        (2, _) => Row { name: "ALTITUDE", ..NONE },
-        (5, _) => Row { name: "ACRO", ..NONE },
-        (6, _) => Row { name: "OFFBOARD", ..NONE },
-        (7, _) => Row { name: "STABILIZED", ..NONE },
-        (4, 5) => Row { name: "RETURN", ..NONE },
-        _ => Row { name: "this mode", ..NONE },
+        // Hold, Mission.
+        (4, 3 | 4) => COMMAND,
+        // Position Slow.
+        (3, 2) => Row { floor_mps: 0.3, velocity_limits: true, ..PARAMETER },
+        // Position.
+        (3, 0) => PARAMETER,
+        _ => NONE,
     }
 }
 

@@ -44,4 +44,4 @@ pub use trust::{Trust, Verifier};
 pub use version::Board;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -136,7 +136,7 @@ fn open_serial(path: &str, baud: u32) -> Result<tokio_serial::SerialStream, Link
 }
 
 /// The crate says of a port in use that there is none.
-fn trouble(kind: io::ErrorKind, is_there: bool) -> SerialTrouble {
+pub(super) fn trouble(kind: io::ErrorKind, is_there: bool) -> SerialTrouble {
     match kind {
         io::ErrorKind::NotFound if is_there => SerialTrouble::Busy,
         io::ErrorKind::NotFound => SerialTrouble::Missing,

@@ -223,3 +223,39 @@ pub async fn replay(
         live.show(now);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use adit_protocol::mavlink::Value;
+
+    use super::super::view::RangeState;
+    use super::*;
+    use crate::link::tests::{Script, config, over_tcp};
+
+    #[tokio::test]
+    async fn without_a_mission_section_and_sensors_are_the_boards() {
+        let (session, _board) = over_tcp(Script::default(), config()).await;
+        let board = session.board().await.unwrap();
+        for (name, value) in [("TUN_RADIUS_M", Value::Real(1.25)), ("RNG_DOWN_FIT", Value::Whole(0))] {
+            session.set_parameter(&board, name, value).await.unwrap();
+        }
+        let (live, mut shown) = Live::new(State::new(None));
+        assert!(live.state.setting().is_none());
+        let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+        let stop_of_follow = async {
+            let _ = stopped.await;
+        };
+        let looking = async {
+            let frame = shown.wait_for(|frame| !frame.view.outline_m.is_empty()).await.unwrap().clone();
+            stop.send(()).unwrap();
+            frame
+        };
+        let (ended, frame) = tokio::join!(follow(session, live, None, stop_of_follow), looking);
+        assert_eq!(ended.unwrap(), Ending::Stopped);
+        let widest_m = frame.view.outline_m.iter().fold(0.0, |widest: f64, [y_m, _]| widest.max(y_m.abs()));
+        assert!((widest_m - 1.25).abs() < 1e-3, "{widest_m}");
+        let fitted = frame.view.ranges.map(|range| range.state != RangeState::Unfitted);
+        assert_eq!(fitted, [true, true, false, true], "up, right, down, left");
+        assert!(frame.view.wall.is_some());
+    }
+}

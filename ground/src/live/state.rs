@@ -11,7 +11,7 @@ use std::time::Duration;
 use adit_protocol::beams::Beam;
 use adit_protocol::mavlink::{
     AUTOPILOT_COMPONENT, Autopilot, BOARD_COMPONENT, CAMERA_COMPONENT, Counters, Incoming, Instrument, NO_AUTOPILOT,
-    Target,
+    Target, VehicleBeat,
 };
 use adit_protocol::parameters::CaptureWiring;
 use adit_protocol::record::Mode;
@@ -38,8 +38,6 @@ const FIGURE_LASTS: Duration = Duration::from_millis(1600);
 const SLOW_LASTS: Duration = Duration::from_secs(5);
 /// Notices that are kept.
 const NOTICES: usize = 50;
-/// `MAV_MODE_FLAG_SAFETY_ARMED`.
-const ARMED: u8 = 0x80;
 
 /// The flight as far as it was heard.
 #[derive(Debug, Default)]
@@ -146,13 +144,18 @@ impl State {
             (BOARD_COMPONENT, Incoming::Heartbeat { custom_mode, .. }) => {
                 self.mode.set(now, mode(*custom_mode));
             }
-            (AUTOPILOT_COMPONENT, Incoming::Heartbeat { autopilot, base_mode, .. }) if *autopilot != NO_AUTOPILOT => {
-                let name = match Autopilot::from(*autopilot) {
+            (AUTOPILOT_COMPONENT, &Incoming::Heartbeat { autopilot, base_mode, custom_mode, .. })
+                if autopilot != NO_AUTOPILOT =>
+            {
+                let is_armed = VehicleBeat { autopilot, base_mode, custom_mode }.is_armed();
+                let autopilot = Autopilot::from(autopilot);
+                let name = match autopilot {
                     Autopilot::ArduPilot => "ArduPilot",
                     Autopilot::Px4 => "PX4",
                     Autopilot::Other(_) => "autopilot",
                 };
-                self.autopilot.set(now, Some(AutopilotView { name, is_armed: base_mode & ARMED != 0 }));
+                let mode = autopilot.mode_name(custom_mode);
+                self.autopilot.set(now, Some(AutopilotView { name, mode, is_armed }));
             }
             (AUTOPILOT_COMPONENT, Incoming::Attitude { angles_rad: [roll_rad, ..] }) => {
                 self.roll_rad.set(now, finite(*roll_rad));

@@ -18,7 +18,7 @@ pub struct View {
     pub link: LinkView,
     /// The board's mode.
     pub mode: Reading<Mode>,
-    /// The autopilot: its kind and whether it is armed.
+    /// The autopilot: its kind, its mode, and whether it is armed.
     pub autopilot: Reading<AutopilotView>,
     /// Place `[y, z]` in the section: right, down.
     pub offset_m: Reading<[f64; 2]>,
@@ -72,6 +72,8 @@ pub struct View {
 pub struct AutopilotView {
     /// Whose program it is.
     pub name: &'static str,
+    /// What it calls its mode; `None` where the mode has no name here.
+    pub mode: Option<&'static str>,
     /// Do the motors turn?
     pub is_armed: bool,
 }

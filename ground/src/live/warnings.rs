@@ -90,7 +90,7 @@ fn flight(view: &View, circumstances: &Circumstances<'_>, all: &mut Vec<Warning>
             say(all, Level::Warning, "the autopilot ignores the speed limit: slow down by hand");
         }
         Some(Enforcement::NotPossible) => {
-            say(all, Level::Warning, "no speed limit in this flight mode: keep below it by hand");
+            say(all, Level::Warning, "the speed limit cannot be enforced: keep below it by hand");
         }
         _ => {}
     }

@@ -14,7 +14,7 @@ mod output;
 mod overlap;
 mod page;
 mod pixels;
-mod predict;
+pub(crate) mod predict;
 mod table;
 #[cfg(test)]
 mod tests;

@@ -33,13 +33,9 @@ pub(super) fn coverage(profile: &Profile<f64>, scene: &Scene<'_, f64>, flown: Fl
         (0..lattice.columns).map(|column| scene.wall_line(lattice.s_m(column as i64))).collect();
     let mut counts = vec![0_u16; lattice.columns * lattice.rows];
     counts.par_chunks_exact_mut(lattice.columns).enumerate().for_each(|(row, counts)| {
-        let x_m = lattice.x_m(row as i64) - flown.lever_forward_m;
+        let x_m = lattice.x_m(row as i64);
         for (count, line) in counts.iter_mut().zip(&lines) {
-            let views = line.as_ref().map_or(0, |line| match flown.photos {
-                Some(photos) => line.views_at_within(flown.step_m, x_m, photos),
-                None => line.views_at(flown.step_m, x_m),
-            });
-            *count = u16::try_from(views).unwrap_or(u16::MAX);
+            *count = line.as_ref().map_or(0, |line| flown.views(line, x_m));
         }
     });
     let stretch = [0.0, length_m];
@@ -48,11 +44,24 @@ pub(super) fn coverage(profile: &Profile<f64>, scene: &Scene<'_, f64>, flown: Fl
 
 /// A flight along the axis.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Flown {
-    pub(super) step_m: f64,
+pub(crate) struct Flown {
+    pub(crate) step_m: f64,
     /// `None`: endless.
-    pub(super) photos: Option<u32>,
-    pub(super) lever_forward_m: f64,
+    pub(crate) photos: Option<u32>,
+    pub(crate) lever_forward_m: f64,
+}
+
+impl Flown {
+    /// How many of its photos show the wall line's place at `x_m`: by the footprints' formula, as the board's bound has it.
+    /// Where the photos really were, `live::strip` counts by projection; the two are held against each other there.
+    pub(crate) fn views(self, line: &WallLine<f64>, x_m: f64) -> u16 {
+        let x_m = x_m - self.lever_forward_m;
+        let views = match self.photos {
+            Some(photos) => line.views_at_within(self.step_m, x_m, photos),
+            None => line.views_at(self.step_m, x_m),
+        };
+        u16::try_from(views).unwrap_or(u16::MAX)
+    }
 }
 
 /// On the axis.

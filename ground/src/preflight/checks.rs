@@ -2,13 +2,12 @@
 
 use adit_geometry::profile::ProfileSpec;
 use adit_protocol::beams::Beam;
-use adit_protocol::mavlink::{Autopilot, Value};
+use adit_protocol::mavlink::{Autopilot, ModeWords, Value};
 use adit_protocol::mission::Mission;
 use adit_protocol::parameters::{CaptureWiring, Parameters};
 use adit_protocol::record::{Failure, Header};
 use adit_protocol::telemetry::Enforcement;
 
-use super::modes;
 use super::watch::Watch;
 use super::{Preflight, Subject, Verdict};
 use crate::link::{
@@ -54,8 +53,8 @@ pub(super) fn autopilot(list: &mut Preflight, watch: &Watch, version: Option<[u8
         }
     };
     let told = version.map_or("version not told".to_owned(), |[major, minor, ..]| format!("{major}.{minor}"));
-    let armed = if beat.armed { ", armed" } else { "" };
-    let words = format!("{name} {told}, {}{armed}", modes::name(beat.autopilot, beat.mode));
+    let armed = if beat.is_armed() { ", armed" } else { "" };
+    let words = format!("{name} {told}, {}{armed}", ModeWords(kind, beat.custom_mode));
     let is_coarse =
         kind == Autopilot::ArduPilot && version.is_some_and(|[major, minor, ..]| [major, minor] < FINE_VERSION);
     let planned_mps = mission

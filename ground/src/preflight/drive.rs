@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use adit_protocol::mavlink::command;
+use adit_protocol::mavlink::{VehicleBeat, command};
 use adit_protocol::record::{Header, Mode};
 use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
@@ -66,7 +66,7 @@ pub async fn preflight(
     let second = answered(session.clock(&board).await)?;
     checks::clock(&mut list, first.zip(second).map(<[ClockReading; 2]>::from));
     checks::sensors(&mut list, &ear.watch, &told);
-    let armed = ear.watch.vehicle.is_some_and(|vehicle| vehicle.armed);
+    let armed = ear.watch.vehicle.is_some_and(VehicleBeat::is_armed);
     if options.still || armed || !rests {
         let why = match (options.still, armed) {
             (true, _) => "not tried, as asked (--still)",

@@ -11,7 +11,6 @@
 
 mod checks;
 mod drive;
-mod modes;
 #[cfg(test)]
 mod tests;
 mod watch;

@@ -1,23 +1,15 @@
 //! What the link says, gathered: the newest of each, and how often each came.
 
-use adit_protocol::mavlink::{AUTOPILOT_COMPONENT, BOARD_COMPONENT, CAMERA_COMPONENT, Incoming, NO_AUTOPILOT};
+use adit_protocol::mavlink::{
+    AUTOPILOT_COMPONENT, BOARD_COMPONENT, CAMERA_COMPONENT, Incoming, NO_AUTOPILOT, VehicleBeat,
+};
 use adit_protocol::record::{FAILED, Failure, Mode};
 use adit_protocol::telemetry::{Telemetry, Tunnelled};
 
 use crate::link::Heard;
 
-/// `MAV_MODE_FLAG_SAFETY_ARMED`.
-const ARMED: u8 = 0x80;
 /// `MAV_SEVERITY_WARNING`: the mildest words that are quoted.
 const WARNING: u8 = 4;
-
-/// The autopilot's heartbeat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct VehicleBeat {
-    pub(super) autopilot: u8,
-    pub(super) mode: u32,
-    pub(super) armed: bool,
-}
 
 /// What was heard since the last [`Watch::begin`].
 #[derive(Clone, Debug, Default)]
@@ -31,6 +23,7 @@ pub(super) struct Watch {
     pub(super) places: u32,
     /// The board's mode by its newest heartbeat.
     pub(super) mode: Option<u32>,
+    /// The autopilot's newest heartbeat.
     pub(super) vehicle: Option<VehicleBeat>,
     /// The board's newest warning.
     pub(super) warning: Option<String>,
@@ -66,7 +59,7 @@ impl Watch {
             (AUTOPILOT_COMPONENT, &Incoming::Heartbeat { autopilot, base_mode, custom_mode, .. })
                 if autopilot != NO_AUTOPILOT =>
             {
-                self.vehicle = Some(VehicleBeat { autopilot, mode: custom_mode, armed: base_mode & ARMED != 0 });
+                self.vehicle = Some(VehicleBeat { autopilot, base_mode, custom_mode });
             }
             (BOARD_COMPONENT, Incoming::Heartbeat { custom_mode, .. }) => self.mode = Some(*custom_mode),
             (BOARD_COMPONENT, Incoming::Tunnel { kind, payload, .. }) => {

@@ -5,8 +5,9 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use adit_emulator::serve::{Ports, serve};
+use adit_emulator::serve::{Hovering, Ports, serve};
 use adit_emulator::{EmulatedBoard, Report, Setup, Watched, log_of, provisioned_fram};
+use adit_firmware::io::Inputs;
 use adit_hil_sim::check;
 use adit_hil_sim::command::{FLIGHT_PARTS, Left, MissionFile, figures_text, prepare};
 use adit_hil_sim::flight::fly_board;
@@ -44,10 +45,14 @@ struct ServeArguments {
     /// Mission whose parameters lie in the board's memory; default: the memory is empty.
     #[arg(long)]
     mission: Option<PathBuf>,
+    /// Put the board into a vehicle that hovers at the mouth of the mission's tunnel: sensors, shaft and camera are there, and
+    /// fail as the mission has it. Otherwise nothing is connected.
+    #[arg(long, requires = "mission")]
+    hover: bool,
     /// Link to make to the terminal of TELEM1 (MAVLink).
     #[arg(long, value_name = "LINK")]
     telem1: Option<PathBuf>,
-    /// Link to make to the terminal of TELEM2 (a simulator, with the image of `cargo xtask flash --hil`).
+    /// Link to make to the terminal of TELEM2 (the service cable; a simulator, with the image of `cargo xtask flash --hil`).
     #[arg(long, value_name = "LINK")]
     telem2: Option<PathBuf>,
     /// Stop after so many seconds of the board's time; default: run until stopped.
@@ -136,17 +141,19 @@ fn must_exist(image: &Path) -> Result<()> {
 fn run_served(arguments: &ServeArguments) -> Result<bool> {
     must_exist(&arguments.image)?;
     let mission = arguments.mission.as_ref().map(|path| MissionFile::read(path, None)).transpose()?;
-    let parameters = mission.map(|file| file.mission.parameters());
+    let parameters = mission.as_ref().map(|file| file.mission.parameters());
+    let mut hovering = mission.as_ref().filter(|_| arguments.hover).map(Hovering::new).transpose()?;
     let fram = parameters.as_ref().map(provisioned_fram).transpose()?.unwrap_or_default();
     let setup = Setup { fram, ..Setup::new(1)? };
     let mut board = EmulatedBoard::new(&arguments.image, &parameters.unwrap_or_default(), setup)?;
     let ports = Ports { telem1: arguments.telem1.clone(), telem2: arguments.telem2.clone() };
     let mut announced = false;
-    serve(&mut board, &ports, |now_s| {
+    serve(&mut board, &ports, |now_s, outputs| {
         if !std::mem::replace(&mut announced, true) {
             eprintln!("ready");
         }
-        arguments.seconds.is_none_or(|seconds| now_s < seconds)
+        let senses = hovering.as_mut().map_or_else(Inputs::default, |vehicle| vehicle.sense(now_s, outputs));
+        arguments.seconds.is_none_or(|seconds| now_s < seconds).then_some(senses)
     })?;
     let report = board.finish()?;
     for restart in &report.restarts {

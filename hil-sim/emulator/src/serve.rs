@@ -7,8 +7,11 @@ use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use adit_firmware::io::Inputs;
+use adit_firmware::io::{Inputs, Outputs};
+use adit_hil_sim::command::MissionFile;
 use adit_hil_sim::flight::Board as _;
+use adit_hil_sim::scene::Wall;
+use adit_hil_sim::world::{PilotAction, World};
 use anyhow::{Context, Result};
 use serialport::{SerialPort, TTYPort};
 
@@ -74,12 +77,44 @@ impl Drop for Terminal {
     }
 }
 
-/// Runs the board while `goes_on` says so, which is asked before each step with the board's time in seconds, and for the first
-/// time when the ports are there.
+/// A vehicle that hovers at the tunnel's mouth, with the board in it.
+#[derive(Debug)]
+pub struct Hovering {
+    world: World,
+    senses: Inputs,
+}
+
+impl Hovering {
+    /// In the mission's tunnel, with the mission's faults.
+    ///
+    /// # Errors
+    /// If the tunnel cannot be built.
+    pub fn new(file: &MissionFile) -> Result<Self> {
+        let (survey, simulation) = (&file.mission.survey, &file.simulation);
+        let wall = Wall::new(survey.profile.build().context("tunnel")?, &simulation.wall, file.seed)?;
+        let world = World::new(wall, &survey.rig, &file.mission.parameters(), simulation, file.seed);
+        Ok(Self { world, senses: Inputs::default() })
+    }
+
+    /// What the board senses at `now_s`, while it does this.
+    pub fn sense(&mut self, now_s: f64, outputs: &Outputs) -> Inputs {
+        while self.world.now_s() < now_s {
+            self.senses = self.world.step(outputs, PilotAction::default());
+        }
+        self.senses
+    }
+}
+
+/// Runs the board as long as `around` says what it senses, which is asked before each step with the board's time in seconds
+/// and what the board did at last, and for the first time when the ports are there.
 ///
 /// # Errors
 /// If a terminal cannot be made or breaks, or the emulator fails.
-pub fn serve(board: &mut EmulatedBoard, ports: &Ports, mut goes_on: impl FnMut(f64) -> bool) -> Result<()> {
+pub fn serve(
+    board: &mut EmulatedBoard,
+    ports: &Ports,
+    mut around: impl FnMut(f64, &Outputs) -> Option<Inputs>,
+) -> Result<()> {
     let open = |link: &Option<PathBuf>| link.as_deref().map(Terminal::new).transpose();
     let (mut telem1, mut telem2) = (open(&ports.telem1)?, open(&ports.telem2)?);
     let began = Instant::now();
@@ -87,7 +122,8 @@ pub fn serve(board: &mut EmulatedBoard, ports: &Ports, mut goes_on: impl FnMut(f
     let mut ahead = Duration::ZERO;
     let mut now = Duration::ZERO;
     let mut talking_until = Duration::ZERO;
-    while goes_on(now.as_secs_f64()) {
+    let mut outputs = Outputs::default();
+    while let Some(inputs) = around(now.as_secs_f64(), &outputs) {
         if let Some(terminal) = &mut telem1 {
             board.say_on_telem1(&terminal.read()?);
         }
@@ -99,7 +135,7 @@ pub fn serve(board: &mut EmulatedBoard, ports: &Ports, mut goes_on: impl FnMut(f
             board.say_on_telem2(&bytes);
         }
         now += STEP;
-        board.step(now.as_micros() as u64, &Inputs::default())?;
+        outputs = board.step(now.as_micros() as u64, &inputs)?;
         let [heard1, heard2] = board.heard().map(<[u8]>::to_vec);
         for (terminal, heard) in [(&mut telem1, heard1), (&mut telem2, heard2)] {
             if let Some(terminal) = terminal {

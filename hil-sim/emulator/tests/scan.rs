@@ -179,12 +179,12 @@ fn hardware_in_the_loop_flies_bit_for_bit_as_the_library_does() {
     let is_over = Arc::clone(&over);
     let ports = Ports { telem2: Some(port.clone()), ..Ports::default() };
     let served = std::thread::spawn(move || {
-        let goes_on = |_| {
+        let around = |_, _: &_| {
             // Nobody waits any more after the first time.
             let _ = ready.send(());
-            !is_over.load(Ordering::Relaxed)
+            (!is_over.load(Ordering::Relaxed)).then(Inputs::default)
         };
-        serve(&mut board, &ports, goes_on).expect("served");
+        serve(&mut board, &ports, around).expect("served");
         board.finish().expect("a report")
     });
     is_ready.recv().expect("ready");

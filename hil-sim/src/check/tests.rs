@@ -4,12 +4,11 @@ use super::*;
 use crate::card::log_bytes;
 use crate::config::Simulation;
 use crate::flight::fly_board;
-use crate::flight::stand_in::{MISSION, Metronome};
+use crate::flight::stand_in::{Metronome, mission};
 
 /// The report on a board that allows `limit_mps`, takes photos and writes no tags.
 fn judged(limit_mps: f32) -> Report {
-    let text = MISSION.replace("length_m = 2.0", "length_m = 4.0\nimage_period_s = 1.0");
-    let mission = Mission::from_toml(&text).expect("a mission");
+    let mission = Mission::from_toml(&(mission(4.0) + "image_period_s = 1.0\n")).expect("a mission");
     let mut board = Metronome { limit_mps, ..Metronome::default() };
     let flight = fly_board(&mut board, &mission, &Simulation::default(), 3).expect("a flight");
     let log = log_bytes(&flight).expect("fits");

@@ -6,28 +6,12 @@ use adit_protocol::record::Mode;
 
 use super::{Board, BoardError};
 
-/// Two metres of pipe.
-pub(crate) const MISSION: &str = r#"
-format = 1
-[tunnel]
-profile = "circle"
-radius_m = 1.5
-[camera]
-model = "brown-conrady"
-width_px = 1000
-height_px = 750
-fx_px = 466.0
-fy_px = 466.0
-cx_px = 503.5
-cy_px = 373.0
-distortion = [-0.04, 0.006, 0.0, 0.0, 0.0]
-[rig]
-images_per_turn = 10
-image_up = "forward"
-lever_radial_m = 0.06
-[flight]
-length_m = 2.0
-"#;
+/// Pipe, camera and rig of the demo over `length_m`, everything else by default; ends within its table `flight`.
+pub(crate) fn mission(length_m: f64) -> String {
+    let demo = include_str!("../../missions/demo.toml");
+    let (nature, _) = demo.split_once("[sigma]").expect("the demo's sigmas come behind pipe, camera and rig");
+    format!("{nature}[flight]\nlength_m = {length_m:?}\n")
+}
 
 /// Ten radians per second for each radian that the shaft is away.
 const PULSE_US_PER_RAD: f32 = 1000.0;

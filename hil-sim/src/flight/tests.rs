@@ -1,10 +1,10 @@
 //! The loop with a board of a few lines, so that what fails here is the world's fault.
 
 use super::*;
-use crate::flight::stand_in::{MISSION, Metronome};
+use crate::flight::stand_in::{Metronome, mission};
 
 fn flown(simulation: &Simulation, seed: u64) -> Flight {
-    let mission = Mission::from_toml(MISSION).expect("a mission");
+    let mission = Mission::from_toml(&mission(2.0)).expect("a mission");
     let mut board = Metronome { limit_mps: 0.1, ..Metronome::default() };
     fly_board(&mut board, &mission, simulation, seed).expect("a flight")
 }
@@ -97,7 +97,7 @@ fn turn_times_s(flight: &Flight) -> Vec<f64> {
 
 #[test]
 fn the_boards_own_loop_turns_by_a_step_in_a_quarter_of_a_second_whatever_the_servo() {
-    let mission = Mission::from_toml(MISSION).expect("a mission");
+    let mission = Mission::from_toml(&mission(2.0)).expect("a mission");
     for seed in 1..=20 {
         let flight = fly(&mission, &calm(), seed).expect("a flight");
         assert_eq!(flight.outcome, Outcome::Completed, "seed {seed}");
@@ -112,7 +112,7 @@ fn the_boards_own_loop_turns_by_a_step_in_a_quarter_of_a_second_whatever_the_ser
 
 #[test]
 fn a_flight_that_loses_its_encoder_goes_on_turning_and_knows_each_step_to_a_degree() {
-    let mission = Mission::from_toml(&MISSION.replace("length_m = 2.0", "length_m = 4.0")).expect("a mission");
+    let mission = Mission::from_toml(&mission(4.0)).expect("a mission");
     let mut simulation = calm();
     simulation.faults = vec![crate::faults::Fault { kind: FaultKind::EncoderSilent, at_s: 15.0, for_s: None }];
     for seed in 1..=10 {

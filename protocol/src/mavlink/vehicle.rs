@@ -19,6 +19,13 @@ pub struct VehicleBeat {
     pub custom_mode: u32,
 }
 
+impl VehicleBeat {
+    /// Whether the motors may turn: `MAV_MODE_FLAG_SAFETY_ARMED`.
+    pub fn is_armed(self) -> bool {
+        self.base_mode & 0x80 != 0
+    }
+}
+
 /// `MAV_TYPE_QUADROTOR`.
 const QUADROTOR: u8 = 2;
 /// `MAV_STATE_ACTIVE`.

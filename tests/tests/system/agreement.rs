@@ -15,25 +15,14 @@ use serde_json::Value;
 
 use super::programs::{figures, text};
 
-/// A pipe 3 m across and 10 m long; its board would fly as fast as one view allows.
-const MISSION: &str = r#"
-format = 1
-[tunnel]
-profile = "circle"
-radius_m = 1.5
-[camera]
-model = "brown-conrady"
-width_px = 1000
-height_px = 750
-fx_px = 466.0
-fy_px = 466.0
-cx_px = 503.5
-cy_px = 373.0
-distortion = [-0.04, 0.006, 0.0, 0.0, 0.0]
-[rig]
-images_per_turn = 10
-image_up = "forward"
-lever_radial_m = 0.06
+/// The demo's pipe, camera and rig, 10 m of it; its board would fly as fast as one view allows.
+fn mission() -> String {
+    let demo = include_str!("../../../hil-sim/missions/demo.toml");
+    let (nature, _) = demo.split_once("[sigma]").expect("the demo's sigmas come behind pipe, camera and rig");
+    format!("{nature}{FLOWN}")
+}
+
+const FLOWN: &str = r#"
 [flight]
 length_m = 10.0
 speed_bound = "one-view"
@@ -61,7 +50,7 @@ impl Board for Held {
     }
 }
 
-/// The plan of [`MISSION`], and what simulated flights of it need.
+/// The plan of [`mission`], and what simulated flights of it need.
 struct Planned {
     figures: Value,
     mission: Mission,
@@ -72,7 +61,7 @@ impl Planned {
     fn new() -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let file = folder.path().join("mission.toml");
-        std::fs::write(&file, MISSION).expect("the mission is written");
+        std::fs::write(&file, mission()).expect("the mission is written");
         let figures = figures("adit", &["plan", text(&file)]);
         let mut simulation = Simulation::default();
         // Calm air, and a camera without fault; mounting, attitude and place err as ever.
@@ -80,7 +69,7 @@ impl Planned {
         (simulation.shutter.missed_share, simulation.shutter.double_share) = (0.0, 0.0);
         // What is told is flown, not a share of it.
         simulation.autopilot.limit_use = 1.0;
-        Self { figures, mission: Mission::from_toml(MISSION).expect("a mission"), simulation }
+        Self { figures, mission: Mission::from_toml(&mission()).expect("a mission"), simulation }
     }
 
     fn figure(&self, pointer: &str) -> f64 {

@@ -38,6 +38,8 @@ pub(crate) struct Setup {
     pub(crate) autopilot: Kind,
     pub(crate) mode: &'static str,
     pub(crate) armed: bool,
+    /// Where in the section it hovers, right and down.
+    pub(crate) hold_m: [f64; 2],
     pub(crate) faults: Vec<FaultKind>,
     pub(crate) has_card: bool,
     /// Does the board answer questions for its time?
@@ -55,6 +57,7 @@ impl Setup {
             autopilot: Kind::ArduPilot47,
             mode: "AUTO",
             armed: false,
+            hold_m: [0.0; 2],
             faults: Vec::new(),
             has_card: true,
             tells_time: true,
@@ -143,10 +146,11 @@ struct Vehicle {
 
 impl Vehicle {
     fn new(setup: Setup, peer: Peer) -> Self {
-        let simulation = Simulation {
+        let mut simulation = Simulation {
             faults: setup.faults.iter().map(|kind| Fault { kind: *kind, at_s: 0.0, for_s: None }).collect(),
             ..Simulation::default()
         };
+        simulation.autopilot.hold_m = setup.hold_m;
         let profile = setup.mission.survey.profile.build().expect("a profile");
         let wall = Wall::new(profile, &simulation.wall, 1).expect("a wall");
         let world = World::new(wall, &setup.mission.survey.rig, &setup.mission.parameters(), &simulation, 1);

@@ -197,3 +197,30 @@ fn logs_are_listed_and_a_scan_comes_before_them() {
     link.receive(0, Port::Service, &ground().log_request(BOARD, 9, 0, 100));
     assert_eq!(link.take_log_wish(), None);
 }
+
+#[test]
+fn a_card_that_failed_is_asked_again_when_somebody_asks_again() {
+    let mut link = link();
+    step(&mut link, 0, Mode::Idle, None);
+    let read = LogWish::Read { number: 9, offset: 0 };
+    let asks = [(ground().log_list(BOARD), LogWish::List), (ground().log_request(BOARD, 9, 0, 50), read)];
+    for (ask, wish) in asks {
+        link.receive(0, Port::Service, &ask);
+        assert_eq!(link.take_log_wish(), Some(wish));
+        link.hear_logs(wish, LogAnswer::Failed);
+        // An end of the log, or an empty list, would be a lie.
+        assert!(
+            !said(&mut link, 0).iter().any(|said| matches!(said, Incoming::LogData { .. } | Incoming::LogEntry { .. }))
+        );
+        assert_eq!(link.take_log_wish(), None);
+        link.receive(0, Port::Service, &ask);
+        assert_eq!(link.take_log_wish(), Some(wish));
+        link.hear_logs(wish, LogAnswer::Failed);
+    }
+    // The failure of what nobody wants any more changes nothing.
+    link.receive(0, Port::Service, &ground().log_request(BOARD, 9, 0, 50));
+    assert_eq!(link.take_log_wish(), Some(read));
+    link.receive(0, Port::Service, &ground().log_request(BOARD, 12, 0, 50));
+    link.hear_logs(read, LogAnswer::Failed);
+    assert_eq!(link.take_log_wish(), Some(LogWish::Read { number: 12, offset: 0 }));
+}

@@ -20,7 +20,7 @@ use super::super::{Line, LineEvent, LinkError};
 
 /// What a board is like.
 #[derive(Clone, Debug)]
-pub(super) struct Script {
+pub(crate) struct Script {
     pub(super) system: u8,
     pub(super) encoding: Encoding,
     /// Share of messages that are lost each way, repeated and delayed.
@@ -62,7 +62,7 @@ pub(super) struct Ledger {
 }
 
 /// A board that runs.
-pub(super) struct ScriptedBoard {
+pub(crate) struct ScriptedBoard {
     pub(super) ledger: Arc<Mutex<Ledger>>,
     task: JoinHandle<()>,
 }

@@ -1,6 +1,6 @@
 //! Sessions over real sockets with a scripted board at the other end, on lines that lose, repeat and reorder.
 
-mod board;
+pub(crate) mod board;
 mod logs;
 mod parameters;
 mod peers;
@@ -14,7 +14,7 @@ use std::time::Duration;
 use adit_protocol::connection::Connection;
 
 use super::*;
-use board::{Script, ScriptedBoard};
+pub(crate) use board::{Script, ScriptedBoard};
 
 /// Short enough that lost answers cost little, long enough that a busy machine is not taken for silence.
 const PATIENCE: Patience = Patience { answer: Duration::from_millis(60), silence: Duration::from_secs(20) };
@@ -34,7 +34,7 @@ fn lines() -> Vec<[Connection; 2]> {
         .collect()
 }
 
-fn config() -> Config {
+pub(crate) fn config() -> Config {
     Config { patience: PATIENCE, ..Config::default() }
 }
 
@@ -50,7 +50,7 @@ async fn connected([theirs, ours]: &[Connection; 2], script: Script, config: Con
 }
 
 /// A session on the simplest line.
-async fn over_tcp(script: Script, config: Config) -> (Session, ScriptedBoard) {
+pub(crate) async fn over_tcp(script: Script, config: Config) -> (Session, ScriptedBoard) {
     let lines = lines();
     let line = lines.iter().find(|[_, ours]| matches!(ours, Connection::TcpOut(_))).unwrap();
     connected(line, script, config).await

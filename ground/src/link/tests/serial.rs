@@ -45,3 +45,24 @@ async fn bytes_that_are_no_frames_are_told_with_the_port_and_what_to_try() {
     let error = error.to_string();
     assert!(error.contains(&path) && error.contains("921600") && error.contains("57600 baud"), "{error}");
 }
+
+#[tokio::test]
+async fn what_is_no_serial_port_is_named_with_those_that_are() {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let path = file.path().to_string_lossy().into_owned();
+    let error =
+        Line::open(&Connection::Serial { path: path.clone(), baud: 57_600 }, PATIENCE.silence).await.unwrap_err();
+    let LinkError::Serial { trouble: SerialTrouble::Other, known, .. } = &error else { panic!("{error:?}") };
+    let words = error.to_string();
+    assert!(words.contains(&path) && known.iter().all(|port| words.contains(port)), "{words}");
+}
+
+#[test]
+fn each_trouble_with_a_port_says_what_to_do() {
+    // Nothing is forbidden to who runs the tests as root, so the system's answer stands for the port's.
+    let of = |kind, is_there| super::super::transport::trouble(kind, is_there).to_string();
+    assert!(of(std::io::ErrorKind::PermissionDenied, true).contains("usermod -aG dialout"));
+    assert!(of(std::io::ErrorKind::NotFound, false).contains("plugged in"));
+    assert!(of(std::io::ErrorKind::NotFound, true).contains("end that program first"));
+    assert!(of(std::io::ErrorKind::InvalidInput, true).contains("does not know this rate"));
+}

@@ -136,7 +136,9 @@ fn head_line(view: &View, width: u16) -> Line<'static> {
     let mut left = vec![" ADIT ".reversed().bold(), Span::raw(" "), styled(mode, view.mode.is_stale).bold()];
     if let Some(autopilot) = view.autopilot.value {
         let armed = if autopilot.is_armed { "armed" } else { "disarmed" };
-        left.push(styled(format!("  {} {armed}", autopilot.name), view.autopilot.is_stale));
+        let words = [autopilot.name, autopilot.mode.unwrap_or_default(), armed];
+        let words = words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ");
+        left.push(styled(format!("  {words}"), view.autopilot.is_stale));
     }
     let mut right = Vec::new();
     if let Some(replay) = view.replay {

@@ -2,6 +2,7 @@ use adit_geometry::angles::shaft_step_rad;
 
 use super::*;
 use crate::live::enactment::{MISSING, STEP_M, setting, tag};
+use crate::plan::predict::Flown;
 
 fn strip() -> Strip {
     Strip::new(Arc::new(setting())).unwrap()
@@ -13,21 +14,22 @@ fn flown(captures: impl IntoIterator<Item = u32>) -> Strip {
     strip
 }
 
-/// How often each cell in a stretch of the flight was counted, beside what the bound's formula says of a level flight.
+/// How often each cell in a stretch of a level flight was counted, beside what the plan predicts.
 #[test]
-fn a_level_flight_is_counted_as_the_coverage_formula_has_it() {
+fn a_level_flight_is_counted_as_the_plan_predicts_it() {
     let setting = setting();
     let strip = flown(0..80);
     let scene = Scene::new(&setting.profile, &setting.footprint, &setting.rig, SectionVector::zeros(), 0.0).unwrap();
+    let planned = Flown { step_m: STEP_M, photos: Some(80), lever_forward_m: setting.rig.lever_forward_m };
     let (mut cells, mut differing) = (0, 0);
     for row in strip.row_at(2.0)..strip.row_at(4.0) {
         let block = &strip.blocks[&row.div_euclid(BLOCK_ROWS)];
         for column in 0..strip.columns() {
             let line = scene.wall_line((column as f64 + 0.5) * strip.cell_m).unwrap();
-            let expected = line.views_at_within(STEP_M, strip.x_m(row), 80);
+            let expected = planned.views(&line, strip.x_m(row));
             let found = block.cells[row.rem_euclid(BLOCK_ROWS) as usize * strip.columns() + column];
             cells += 1;
-            differing += u32::from(u32::from(found) != expected);
+            differing += u32::from(u16::from(found) != expected);
         }
     }
     // The formula leaves out slivers beside curved edges, up to 2 % of a view.

@@ -53,7 +53,7 @@ function write(view: View): void {
   // For tests: how far the board's clock was in what is shown.
   document.body.dataset.board = String(view.board_s ?? "");
   put("mode", view.mode.value === null ? "no board" : (view.mode.value.replace("SelfTest", "self-test")), view.mode.is_stale ? "old" : "");
-  put("autopilot", ...words(view.autopilot, ({ name, is_armed }) => `${name} ${is_armed ? "armed" : "disarmed"}`));
+  put("autopilot", ...words(view.autopilot, ({ name, mode, is_armed }) => [name, mode, is_armed ? "armed" : "disarmed"].filter(Boolean).join(" ")));
   element("battery", HTMLElement).hidden = view.battery.value === null;
   put("battery", ...words(view.battery, ({ voltage_v, remaining }) =>
     `${remaining === null ? "" : `${Math.round(remaining * 100)} % `}${voltage_v === null ? "" : `${voltage_v.toFixed(1)} V`}`));

@@ -21,7 +21,7 @@ export interface View {
   board_s: number | null;
   link: { status: "waiting" | "up" | "lost"; words: string; silent_s: number | null; rate_hz: number; lost: number | null };
   mode: Reading<string>;
-  autopilot: Reading<{ name: string; is_armed: boolean }>;
+  autopilot: Reading<{ name: string; mode: string | null; is_armed: boolean }>;
   offset_m: Reading<[number, number]>;
   sigma_m: [number, number] | null;
   roll_rad: Reading<number>;

@@ -11,12 +11,14 @@
 //! | card full | the pilot is told, the self-test refuses |
 //! | card pulled and put back | Degraded and told; a second file; no tag lost |
 //! | FRAM corrupt | defaults, and the pilot is told |
-//! | garbage on the link at full rate | no capture lost, no restart |
+//! | card fails while a log is fetched | no answer then, and one when it is asked again (`logs.rs`) |
+//! | garbage on the link at full rate | sensors, shaft and log served as ever, no capture lost, no restart |
 //! | a hostile peer at the link's full rate: unsigned, forged and replayed orders, questions | no capture lost, nothing changed, the owner obeyed |
 //! | a task hangs, the core hangs, a fault of the core | servo and shutter let go, restart in time, cause and words in the next log |
 //! | power cut | parameters always whole, the log loses the last record at most (`power.rs`) |
 
 mod common;
+mod logs;
 mod power;
 mod restart;
 mod scan;

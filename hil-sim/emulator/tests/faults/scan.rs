@@ -9,7 +9,7 @@ use adit_protocol::parameters::RangeBus;
 use adit_protocol::record::{EventKind, Failure, Mode, RangeFault};
 use adit_protocol::tag::TagFlags;
 
-use crate::common::{Case, board, fly, fly_with, is_log, parameters, world};
+use crate::common::{Case, Flown, board, fly, fly_with, is_log, parameters, world};
 
 const BEAMS: [(Beam, BeamName); 4] = [
     (Beam::Up, BeamName::Up),
@@ -17,6 +17,18 @@ const BEAMS: [(Beam, BeamName); 4] = [
     (Beam::Down, BeamName::Down),
     (Beam::Left, BeamName::Left),
 ];
+
+/// Fails unless sensors and shaft were served as if nothing had happened.
+fn expect_undisturbed(flown: &Flown) {
+    let disturbed = |kind: &EventKind| {
+        matches!(kind, EventKind::RangeFault { .. } | EventKind::EncoderLost | EventKind::ShaftLate { .. })
+            || matches!(kind, EventKind::LogLost | EventKind::Missed { .. })
+    };
+    let events: Vec<_> = flown.events().filter(|event| disturbed(&event.kind)).collect();
+    assert!(events.is_empty(), "{events:?}");
+    assert_eq!(flown.report.restarts, []);
+    assert_eq!(flown.flight.presses_s.len(), flown.captures().len());
+}
 
 /// Breaks one sensor after the other, each for `for_s`, and expects the fault to be named within `within_s`.
 fn each_sensor(defect: RangeDefect, fault: RangeFault, for_s: f64, within_s: f64) {
@@ -177,14 +189,16 @@ fn a_corrupt_fram_gives_defaults_and_says_so() {
 #[test]
 fn garbage_on_the_link_at_its_full_rate_costs_no_capture() {
     let garbage = vec![board(BoardFaultKind::TelemetryGarbage, 5.0, 9.0)];
-    let flown = fly(&Case { board: garbage, most_s: 45.0, ..Case::default() });
+    // Undisturbed it takes 29.6 s and 24 photos, and seconds more where the limit happens to be lower.
+    let flown = fly(&Case { board: garbage, most_s: 33.0, ..Case::default() });
     assert_eq!(flown.flight.outcome, Outcome::Completed, "commands are obeyed again");
-    assert_eq!(flown.report.restarts, []);
-    flown.expect_captures(18);
-    assert_eq!(flown.flight.presses_s.len(), flown.captures().len());
+    expect_undisturbed(&flown);
+    flown.expect_captures(23);
     // Two and a half seconds after the last heartbeat that came through.
     flown.expect(EventKind::AutopilotLost, 6.0, 8.0);
-    flown.expect(EventKind::AutopilotRegained, 0.0, 1.5);
+    let regained = flown.events().filter(|event| event.kind == EventKind::AutopilotRegained).nth(1);
+    let regained_s = regained.map(|event| event.time_us as f64 * 1e-6);
+    assert!(regained_s.is_some_and(|at_s| (9.0..10.2).contains(&at_s)), "heard again at {regained_s:?}");
 }
 
 #[test]
@@ -194,9 +208,8 @@ fn a_hostile_peer_at_the_links_full_rate_costs_no_capture_and_changes_nothing() 
     let flown = fly(&case);
     // Arm, start and stop came through the flood, signed; nobody else's orders did.
     assert_eq!(flown.flight.outcome, Outcome::Completed);
-    assert_eq!(flown.report.restarts, []);
+    expect_undisturbed(&flown);
     flown.expect_captures(24);
-    assert_eq!(flown.flight.presses_s.len(), flown.captures().len());
     assert!(!flown.events().any(|event| event.kind == EventKind::AutopilotLost), "the vehicle is heard through it");
     let kept = adit_emulator::parameters_in(&flown.report.fram).expect("a FRAM").expect("parameters");
     assert_eq!(kept.speed.margin, parameters().speed.margin);

@@ -61,6 +61,11 @@ struct Served {
 
 impl Served {
     fn start() -> Self {
+        Self::with(&[])
+    }
+
+    /// With more arguments of `serve`.
+    fn with(arguments: &[&str]) -> Self {
         let turn = turn();
         let folder = tempfile::tempdir().expect("a folder");
         let image = target().join("image/rotator.elf");
@@ -71,6 +76,7 @@ impl Served {
             .arg(folder.path().join("telem1"))
             .arg("--telem2")
             .arg(folder.path().join("telem2"))
+            .args(arguments)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()

@@ -20,6 +20,9 @@ use crate::statistics::STEP;
 
 /// Something may be due this often even when nothing comes in.
 const PERIOD: Duration = Duration::from_millis(5);
+/// What comes in gathers for so long: at the full rate there is always another byte, and whoever took them one by one would leave
+/// the sensors and the log no time.
+const GATHER: Duration = Duration::from_millis(1);
 /// Room for what comes in while a frame goes out: both run at the same rate, and a frame has 280 bytes at most.
 static RING: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
 /// The rate if the parameter's is impossible.
@@ -91,6 +94,9 @@ pub(crate) async fn talk(mut parts: LinkParts, mut service: ServiceRx, link: &'s
                 // The line's faults show at the other end.
                 let _ = tx.write(&frame).await;
             }
+        }
+        if count > 0 {
+            Timer::after(GATHER).await;
         }
         if link.take_restart() {
             // The answer has to get through first.

@@ -124,22 +124,30 @@ fn write_start(recorder: &mut Log<'_, '_, '_>, start: &Start) -> Result<(), Reco
     recorder.commit()
 }
 
-/// Reads from the card's logs what the link wants.
+/// Reads from the card's logs what the link wants. A card that fails is told too: the link asks one question at a time, and an
+/// answer that never came would be its last.
 fn lend(device: &CardDevice<'_, '_>) -> Result<(), RecorderError<CardError>> {
     let Ok(wish) = LOG_WISHES.try_receive() else { return Ok(()) };
-    let answer = match wish {
-        LogWish::List => LogAnswer::List(logs(device, NoClock)?),
+    let (answer, outcome) = match look_up(device, wish) {
+        Ok(answer) => (answer, Ok(())),
+        Err(error) => (LogAnswer::Failed, Err(error)),
+    };
+    let _ = LOG_ANSWERS.try_send((wish, answer));
+    outcome
+}
+
+fn look_up(device: &CardDevice<'_, '_>, wish: LogWish) -> Result<LogAnswer, RecorderError<CardError>> {
+    match wish {
+        LogWish::List => logs(device, NoClock).map(LogAnswer::List),
         LogWish::Read { number, offset } => {
             let mut bytes = LogBytes::new();
             // There is room for just that many.
             let _ = bytes.resize_default(READ_BYTES);
             let count = read_log(device, NoClock, number, offset, &mut bytes)?;
             bytes.truncate(count);
-            LogAnswer::Read(bytes)
+            Ok(LogAnswer::Read(bytes))
         }
-    };
-    let _ = LOG_ANSWERS.try_send((wish, answer));
-    Ok(())
+    }
 }
 
 /// Everything that waits; when nothing does, the file is made longer ahead of need.
