@@ -169,13 +169,20 @@ impl fmt::Display for CalibrationFigures {
                 model_name(other.model)
             )?;
         }
-        writeln!(out, "\n{:<24} {:>7} {:>8} {:>10} {:>8} {:>8}", "photo", "corners", "error px", "distance m", "turned", "tipped")?;
+        writeln!(
+            out,
+            "\n{:<24} {:>7} {:>8} {:>10} {:>8} {:>8}",
+            "photo", "corners", "error px", "distance m", "turned", "tipped"
+        )?;
         for photo in &self.photos {
             let name = &photo.photo;
             let PhotoFigures { corners_used, rms_px, distance_m, turned_deg, tipped_deg, unused, .. } = photo;
             match (corners_used, rms_px, distance_m, turned_deg, tipped_deg, unused) {
                 (Some(corners), Some(rms_px), Some(distance_m), Some(turned), Some(tipped), None) => {
-                    writeln!(out, "{name:<24} {corners:>7} {rms_px:>8.3} {distance_m:>10.3} {turned:>8.1} {tipped:>8.1}")?;
+                    writeln!(
+                        out,
+                        "{name:<24} {corners:>7} {rms_px:>8.3} {distance_m:>10.3} {turned:>8.1} {tipped:>8.1}"
+                    )?;
                 }
                 _ => writeln!(out, "{name:<24} not used: {}", unused.as_deref().unwrap_or_default())?,
             }

@@ -127,7 +127,11 @@ pub fn make_board_photos(
     options: &BoardOptions,
     after_each: &(dyn Fn() + Sync),
 ) -> Result<BoardTruth, BoardError> {
-    let ranges = [("blur_px", options.blur_px, 5.0), ("noise_levels", options.noise_levels, 50.0), ("in_view", options.in_view, 1.0)];
+    let ranges = [
+        ("blur_px", options.blur_px, 5.0),
+        ("noise_levels", options.noise_levels, 50.0),
+        ("in_view", options.in_view, 1.0),
+    ];
     for (name, value, most) in ranges {
         if !(0.0..=most).contains(&value) {
             return Err(BoardError::OutOfRange { name, value, most });
@@ -135,10 +139,9 @@ pub fn make_board_photos(
     }
     let camera = camera(options);
     let mut random = Random::numbered(options.seed, Stream::Board, 1);
-    let poses: Vec<Isometry3<f64>> =
-        (0..options.photos as usize)
-            .map(|index| place::cam_from_board(&camera, index, options.in_view, &mut random))
-            .collect();
+    let poses: Vec<Isometry3<f64>> = (0..options.photos as usize)
+        .map(|index| place::cam_from_board(&camera, index, options.in_view, &mut random))
+        .collect();
     let photos = poses.par_iter().enumerate().map(|(index, pose)| {
         let place = CardPlace::new(1, index as u32);
         let picture = PictureOptions {

@@ -196,6 +196,17 @@ mod tests {
     }
 
     #[test]
+    fn a_marker_is_drawn_in_its_square_within_its_frame() {
+        let dictionary = Some(Dictionary::Side4);
+        let light = |x: f64, y: f64| light_of(cell(Vector2::new(x, y), dictionary), dictionary);
+        // The second square of the first row holds marker 0, whose first row is 1011.
+        let middle = |place: u32| 0.5 + MARKER * ((f64::from(place) + 0.5) / 6.0 - 0.5);
+        let first_row: Vec<f32> = (0..6).map(|column| light(1.0 + middle(column), middle(1))).collect();
+        assert_eq!(first_row, [DARK, PAPER, DARK, PAPER, PAPER, DARK]);
+        assert_eq!([light(1.05, 0.5), light(0.5, 0.5), light(-0.5, 0.5), light(-2.0, 0.5)], [PAPER, DARK, PAPER, WALL]);
+    }
+
+    #[test]
     fn noise_has_the_spread_asked_for() {
         let draws: Vec<f32> = (0..20_000).map(|place| normal(7, place)).collect();
         let mean = draws.iter().sum::<f32>() / 20_000.0;

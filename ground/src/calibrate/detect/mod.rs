@@ -32,6 +32,9 @@ const LEAST_SIDE: usize = 3;
 pub(super) const LEAST_CORNERS: usize = 8;
 /// Blur before corners are placed, pixels: with it, sums over pixels are as good as integrals.
 const PLACING_BLUR: f32 = 0.8;
+/// Half the window that a corner is placed in, in squares; nearer to it are the edges of markers.
+const SHARE: f64 = 0.3;
+const SHARE_BETWEEN_MARKERS: f64 = 0.14;
 /// Rounds of placing: the second knows the bending of the lines from the first.
 const ROUNDS: usize = 2;
 
@@ -62,7 +65,9 @@ pub enum NoBoard {
         wanted_rows: usize,
     },
     /// A chessboard, but not the markers asked for.
-    #[error("a chessboard of {corners} corners found, but in it no marker of this dictionary and board, or several that disagree")]
+    #[error(
+        "a chessboard of {corners} corners found, but in it no marker of this dictionary and board, or several that disagree"
+    )]
     NoMarkers {
         /// Corners.
         corners: usize,
@@ -88,12 +93,18 @@ pub fn find_corners(photo: &Luma, board: &Board) -> Result<Vec<Corner>, NoBoard>
         height: photo.height,
         data: photo.data.iter().map(|value| f32::from(*value)).collect(),
     };
-    let (mut best, mut best_step_px) = (Named::new(), 1.0);
-    let mut largest = Grid::default();
-    let mut saddles_found = 0;
-    let mut level = full.clone();
-    let mut step_px = 1.0;
-    let mut searched = 0;
+    let found = placed(&full, &searched(&full, board)?, board);
+    if found.len() < LEAST_CORNERS {
+        return Err(NoBoard::Few { corners: found.len() });
+    }
+    Ok(found)
+}
+
+/// The most corners of the board that are found at one of the resolutions, in pixels.
+fn searched(full: &Grey, board: &Board) -> Result<Named, NoBoard> {
+    let (mut best, mut largest) = (Named::new(), Grid::default());
+    let (mut saddles_found, mut searched) = (0, 0);
+    let (mut level, mut step_px) = (full.clone(), 1.0);
     while searched <= COARSER && level.width.min(level.height) > 32 && best.len() < board.corners() {
         if level.width.max(level.height) <= LONGEST {
             let field = Field::new(&level, board.pattern);
@@ -106,7 +117,7 @@ pub fn find_corners(photo: &Luma, board: &Board) -> Result<Vec<Corner>, NoBoard>
                 Pattern::Charuco(dictionary) => markers::on_charuco(&grid, &level, board, dictionary),
             };
             if let Some(named) = named.filter(|named| named.len() > best.len()) {
-                (best, best_step_px) = (named, step_px);
+                best = named.into_iter().map(|(number, at)| (number, at * step_px)).collect();
             }
             if grid.corners.len() > largest.corners.len() {
                 largest = grid;
@@ -116,28 +127,22 @@ pub fn find_corners(photo: &Luma, board: &Board) -> Result<Vec<Corner>, NoBoard>
         level = halved(&blurred(&level, HALVING_BLUR));
         step_px *= 2.0;
     }
+    if !best.is_empty() {
+        return Ok(best);
+    }
     let [columns, rows] = largest.size();
-    if columns.min(rows) < least_side(board) {
-        return Err(NoBoard::NotFound { saddles: saddles_found });
-    }
     let corners = largest.corners.len();
-    if best.is_empty() {
-        return Err(match board.pattern {
-            Pattern::Chessboard => NoBoard::OtherSize {
-                corners,
-                columns: columns.max(rows),
-                rows: columns.min(rows),
-                wanted_columns: board.columns,
-                wanted_rows: board.rows,
-            },
-            Pattern::Charuco(_) => NoBoard::NoMarkers { corners },
-        });
-    }
-    let found = placed(&full, &best, best_step_px, board);
-    if found.len() < LEAST_CORNERS {
-        return Err(NoBoard::Few { corners: found.len() });
-    }
-    Ok(found)
+    Err(match board.pattern {
+        _ if columns.min(rows) < least_side(board) => NoBoard::NotFound { saddles: saddles_found },
+        Pattern::Charuco(_) => NoBoard::NoMarkers { corners },
+        Pattern::Chessboard => NoBoard::OtherSize {
+            corners,
+            columns: columns.max(rows),
+            rows: columns.min(rows),
+            wanted_columns: board.columns,
+            wanted_rows: board.rows,
+        },
+    })
 }
 
 /// Columns and rows that a part of the board must have: what markers name is no pattern of the background.
@@ -148,56 +153,65 @@ fn least_side(board: &Board) -> usize {
     }
 }
 
-/// Corners at full resolution; those are left out that cannot be placed.
-fn placed(full: &Grey, coarse: &Named, step_px: f64, board: &Board) -> Vec<Corner> {
+/// Corners placed exactly; those are left out that cannot be.
+fn placed(full: &Grey, found: &Named, board: &Board) -> Vec<Corner> {
     let image = blurred(full, PLACING_BLUR);
     let share = match board.pattern {
-        Pattern::Chessboard => 0.3,
-        Pattern::Charuco(_) => 0.14,
+        Pattern::Chessboard => SHARE,
+        Pattern::Charuco(_) => SHARE_BETWEEN_MARKERS,
     };
-    let mut places: Named = coarse.iter().map(|(number, at)| (*number, at * step_px)).collect();
+    let mut places = found.clone();
     for round in 0..ROUNDS {
         let around = |number: &usize| surroundings(&places, *number, board, round > 0);
-        let moved = |(number, at): (&usize, &Vector2<f64>)| Some((*number, refined(&image, *at, &around(number)?, share)?));
+        let moved =
+            |(number, at): (&usize, &Vector2<f64>)| Some((*number, refined(&image, *at, &around(number)?, share)?));
         places = places.iter().filter_map(moved).collect();
     }
     // From samples to pixels: the first sample is the pixel with its centre at (0.5, 0.5).
     places.into_iter().map(|(number, at)| Corner { number, pixel: at.add_scalar(0.5) }).collect()
 }
 
-/// `None` where a corner stands alone in its row or column. Bends are zero unless asked for, and where only two corners are seen.
+/// `None` where a corner has no other beside it in its row or column. Bends are zero unless asked for, and where only two corners
+/// are seen.
 fn surroundings(places: &Named, number: usize, board: &Board, bent: bool) -> Option<Surroundings> {
-    let [column, row] = [number % board.columns, number / board.columns].map(|place| place as i64);
-    let at = |column: i64, row: i64| {
-        let on = (0..board.columns as i64).contains(&column) && (0..board.rows as i64).contains(&row);
-        on.then(|| places.get(&(row as usize * board.columns + column as usize)).copied()).flatten()
-    };
-    let along = |[x, y]: [i64; 2]| {
-        // The first and second derivative by squares, from as many corners as there are: central, else to this side or that.
-        let near = |steps: i64| at(column + steps * x, row + steps * y);
-        let one_sided = |way: i64| {
-            let [here, first] = [near(0)?, near(way)?];
-            let way = way as f64;
-            Some(match (near(2 * way as i64), near(3 * way as i64)) {
-                (Some(second), Some(third)) => (
-                    (first * 18.0 - here * 11.0 - second * 9.0 + third * 2.0) * (way / 6.0),
-                    here * 2.0 - first * 5.0 + second * 4.0 - third,
-                ),
-                (Some(second), None) => ((first * 4.0 - here * 3.0 - second) * (way / 2.0), second - first * 2.0 + here),
-                _ => ((first - here) * way, Vector2::zeros()),
-            })
+    let (column, row) = (number % board.columns, number / board.columns);
+    let along = |place: usize, count: usize, stride: usize| {
+        let near = |steps: i64| {
+            let on = (0..count as i64).contains(&(place as i64 + steps));
+            on.then(|| places.get(&((number as i64 + steps * stride as i64) as usize)).copied()).flatten()
         };
-        let here = near(0)?;
-        let (step, bend) = match (near(-1), near(1)) {
-            (Some(before), Some(after)) => ((after - before) * 0.5, after + before - here * 2.0),
-            (before, _) => one_sided(if before.is_some() { -1 } else { 1 })?,
-        };
+        let (step, bend) = derivatives(near)?;
         Some((step, if bent { bend } else { Vector2::zeros() }))
     };
-    let [(right, right_bend), (down, down_bend)] = [along([1, 0])?, along([0, 1])?];
+    let (right, right_bend) = along(column, board.columns, 1)?;
+    let (down, down_bend) = along(row, board.rows, board.columns)?;
     let steps = Matrix2::from_columns(&[right, down]);
+    // Of a bend, what leads away from its line. What stretches the line itself moves no crossing, and taken off it would make the
+    // blur, which is even in the photo, uneven.
     let in_steps = steps.try_inverse()?;
     Some(Surroundings { steps, bends: [down * (in_steps * right_bend).y, right * (in_steps * down_bend).x] })
+}
+
+/// First and second derivative by squares of the places along a line, where `near` knows those so many squares away: central
+/// differences, else one-sided ones of as many corners as there are (Fornberg, "Generation of finite difference formulas on
+/// arbitrarily spaced grids", 1988, table 3).
+fn derivatives(near: impl Fn(i64) -> Option<Vector2<f64>>) -> Option<(Vector2<f64>, Vector2<f64>)> {
+    let here = near(0)?;
+    let way = match (near(-1), near(1)) {
+        (Some(before), Some(after)) => return Some(((after - before) * 0.5, after + before - here * 2.0)),
+        (Some(_), None) => -1,
+        (None, _) => 1,
+    };
+    let first = near(way)?;
+    let sign = way as f64;
+    Some(match (near(2 * way), near(3 * way)) {
+        (Some(second), Some(third)) => (
+            (first * 18.0 - here * 11.0 - second * 9.0 + third * 2.0) * (sign / 6.0),
+            here * 2.0 - first * 5.0 + second * 4.0 - third,
+        ),
+        (Some(second), None) => ((first * 4.0 - here * 3.0 - second) * (sign / 2.0), second - first * 2.0 + here),
+        (None, _) => ((first - here) * sign, Vector2::zeros()),
+    })
 }
 
 #[cfg(test)]

@@ -206,7 +206,11 @@ fn charuco_boards_drawn_by_opencv_are_found_whole_and_in_part() {
 fn another_dictionary_and_a_plain_chessboard_have_no_marker_of_it() {
     let photo = png(include_bytes!("opencv/board-5x5.png"));
     let other = Board::parse("charuco:6x5:4x4", 0.025).unwrap();
-    assert!(matches!(find_corners(&photo, &other), Err(NoBoard::NoMarkers { .. })), "{:?}", find_corners(&photo, &other));
+    assert!(
+        matches!(find_corners(&photo, &other), Err(NoBoard::NoMarkers { .. })),
+        "{:?}",
+        find_corners(&photo, &other)
+    );
     let (plain, _) = drawn(0.1, [0.0, 0.0]);
     let board = Board::parse("charuco:7x5:4x4", 0.025).unwrap();
     assert_eq!(find_corners(&plain, &board), Err(NoBoard::NoMarkers { corners: 35 }));

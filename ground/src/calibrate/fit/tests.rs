@@ -5,8 +5,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
 
-use super::solver::tests::{cameras, exact};
 use super::super::Pattern;
+use super::solver::tests::{cameras, exact};
 use super::*;
 
 const BOARD: Board = Board { columns: 8, rows: 6, square_m: 0.03, pattern: Pattern::Chessboard };
