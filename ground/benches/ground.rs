@@ -68,7 +68,7 @@ fn read_from_disk(bencher: Bencher<'_, '_>, what: &str) {
 #[divan::bench(args = ["sift", "sift free", "sift native", "orb"], sample_count = 10)]
 fn features_of_one_photo(bencher: Bencher<'_, '_>, class: &str) {
     let Some(sample) = support::load("cylinder-brick-spiral", 1) else { return };
-    let (grey, mask) = (&grey_of(&sample.photos[0].grey), sample.photos[0].mask.as_deref());
+    let grey = &grey_of(sample.photos[0].grey());
     let upright = SiftOptions::default();
     let options = match class {
         "sift free" => SiftOptions { orientation: Orientation::Free, ..upright },
@@ -76,8 +76,8 @@ fn features_of_one_photo(bencher: Bencher<'_, '_>, class: &str) {
         _ => upright,
     };
     let count = || match class {
-        "orb" => orb(grey, mask, &OrbOptions::default()).keypoints.len(),
-        _ => sift(grey, mask, &options).keypoints.len(),
+        "orb" => orb(grey, None, &OrbOptions::default()).keypoints.len(),
+        _ => sift(grey, None, &options).keypoints.len(),
     };
     bencher.counter(ItemsCount::new(count())).bench(count);
 }
@@ -91,7 +91,7 @@ fn grey_of(luma: &Luma) -> Grey {
 #[divan::bench(args = ["sift", "orb"], sample_count = 10)]
 fn nearest_neighbours(bencher: Bencher<'_, '_>, class: &str) {
     let Some(sample) = support::load("cylinder-brick-spiral", 2) else { return };
-    let photos = sample.photos.iter().map(|photo| grey_of(&photo.grey));
+    let photos = sample.photos.iter().map(|photo| grey_of(photo.grey()));
     if class == "orb" {
         let found: Vec<_> = photos.map(|grey| orb(&grey, None, &OrbOptions::default()).descriptors).collect();
         let bencher = bencher.counter(ItemsCount::new(found[0].len() * found[1].len()));

@@ -7,7 +7,7 @@ mod transfer;
 mod wall;
 
 use adit_geometry::profile::ProfileSpec;
-use adit_ground::matching::{MatchConfig, MatchRound, match_round};
+use adit_ground::matching::{MatchConfig, MatchRound, Pixels, match_round};
 use nalgebra::{Isometry3, Point3, Vector2};
 use support::Sample;
 use transfer::Transfer;
@@ -163,7 +163,9 @@ fn a_bulging_wall_is_matched_where_it_is_and_not_where_the_section_says() {
 #[test]
 fn a_photo_of_the_wrong_size_is_named_and_the_others_are_matched() {
     let mut sample = photographed(Wall { paint: Paint::Grained, relief_m: 0.0 }, 5);
-    sample.photos[2].grey.to_mut().height -= 1;
+    let mut smaller = sample.photos[2].grey().clone();
+    smaller.height -= 1;
+    sample.photos[2] = Pixels::new(Cow::Owned(smaller));
     let config = MatchConfig::fine(MatchConfig::native_m(&sample.profile, &sample.camera));
     let (round, _) = run(&sample, &config, 0.002, 0.05);
     assert_eq!(round.unusable, [2]);

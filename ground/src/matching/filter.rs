@@ -21,15 +21,17 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    pub(super) fn new(width: usize, height: usize) -> Self {
-        Self { width, height, data: vec![0.0; width * height] }
+    /// Takes on a size in the memory that there is; the values are whatever they were.
+    pub(super) fn reshape(&mut self, [width, height]: [usize; 2]) {
+        (self.width, self.height) = (width, height);
+        self.data.resize(width * height, 0.0);
     }
 
     /// Takes on a size, every value `value`, in the memory that there is.
-    pub(super) fn reset(&mut self, [width, height]: [usize; 2], value: f32) {
-        (self.width, self.height) = (width, height);
+    pub(super) fn reset(&mut self, size: [usize; 2], value: f32) {
         self.data.clear();
-        self.data.resize(width * height, value);
+        self.data.resize(size[0] * size[1], value);
+        self.reshape(size);
     }
 
     pub(super) fn row(&self, row: usize) -> &[f32] {
@@ -41,39 +43,63 @@ impl Plane {
     }
 }
 
+/// Planes that are worked in again and again: memory fresh from the system costs more than most of the work.
+#[derive(Debug, Default)]
+pub(super) struct Planes(Vec<Plane>);
+
+impl Planes {
+    /// A plane of a size, with any values.
+    pub(super) fn take(&mut self, size: [usize; 2]) -> Plane {
+        let mut plane = self.0.pop().unwrap_or_default();
+        plane.reshape(size);
+        plane
+    }
+
+    /// Takes planes back that are not needed any more.
+    pub(super) fn give_back<const N: usize>(&mut self, planes: [Plane; N]) {
+        self.0.extend(planes);
+    }
+}
+
 /// What matching sees of a photo on the wall grid; its memory serves one photo after the other.
 #[derive(Debug, Default)]
 pub(super) struct Band {
-    /// The normalised band; 0 where unseen.
+    /// The rectified photo, NaN where unseen; then its normalised band, 0 where unseen.
     pub(super) texels: Plane,
     /// Share that was seen of every block of [`DECIMATION`] squared texels.
     pub(super) seen: Plane,
 }
 
 impl Band {
-    /// Band-pass and local contrast normalisation of a plane in which NaN marks unseen texels.
+    /// Band-pass and local contrast normalisation, in place, of texels of which NaN marks the unseen ones.
     ///
     /// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)` plus the floor; every Gaussian over the seen
     /// texels only. Width and height are multiples of [`DECIMATION`].
-    pub(super) fn fill(&mut self, plane: &Plane, small_px: f32, large_px: f32, contrast_floor: f32) {
+    pub(super) fn normalise(&mut self, [small_px, large_px]: [f32; 2], contrast_floor: f32, planes: &mut Planes) {
         let large_px = large_px / DECIMATION as f32;
-        let seen = decimated(plane, |value| if value.is_nan() { 0.0 } else { 1.0 });
-        let weight = gaussian(&seen, large_px);
-        let mean = gaussian(&decimated(plane, |value| if value.is_nan() { 0.0 } else { value }), large_px);
-        let mut mean = Upsampled::new(ratio(&mean, &weight));
-        let centre = |row: usize, target: &mut [f32]| {
-            for ((out, value), mean) in target.iter_mut().zip(plane.row(row)).zip(mean.row(row)) {
+        let Self { texels, seen } = self;
+        decimate(texels, |value| if value.is_nan() { 0.0 } else { 1.0 }, seen, planes);
+        let mut weight = planes.take([seen.width, seen.height]);
+        weight.data.copy_from_slice(&seen.data);
+        gaussian(&mut weight, large_px, planes);
+        let mut mean = decimated(texels, |value| if value.is_nan() { 0.0 } else { value }, planes);
+        gaussian(&mut mean, large_px, planes);
+        divide(&mut mean, &weight);
+        let mut mean = Upsampled::new(mean);
+        let centre = |row: usize, values: &[f32], centred: &mut [f32]| {
+            for ((out, value), mean) in centred.iter_mut().zip(values).zip(mean.row(row)) {
                 *out = if value.is_nan() { 0.0 } else { value - mean };
             }
         };
-        let hide_unseen = |row: usize, target: &mut [f32]| {
-            for (out, value) in target.iter_mut().zip(plane.row(row)) {
-                *out = if value.is_nan() { 0.0 } else { *out };
+        let hide_unseen = |before: &[f32], blurred: &mut [f32]| {
+            for (out, before) in blurred.iter_mut().zip(before) {
+                *out = if before.is_nan() { 0.0 } else { *out };
             }
         };
-        let texels = &mut self.texels;
-        blur([plane.width, plane.height], small_px, centre, hide_unseen, texels);
-        let mut gain = ratio(&gaussian(&decimated(texels, |value| value * value), large_px), &weight);
+        blur(texels, small_px, centre, hide_unseen, planes);
+        let mut gain = decimated(texels, |value| value * value, planes);
+        gaussian(&mut gain, large_px, planes);
+        divide(&mut gain, &weight);
         for value in &mut gain.data {
             *value = 1.0 / (value.max(0.0).sqrt() + contrast_floor);
         }
@@ -88,45 +114,59 @@ impl Band {
                 }
             },
         );
-        self.seen = seen;
+        planes.give_back([weight, mean.small, gain.small]);
     }
 }
 
-fn ratio(numerator: &Plane, denominator: &Plane) -> Plane {
-    let divide = |(n, d): (&f32, &f32)| if *d > 1e-3 { n / d } else { 0.0 };
-    let data = numerator.data.iter().zip(&denominator.data).map(divide).collect();
-    Plane { data, ..*numerator }
+/// Divides by the weight; 0 where there is none.
+fn divide(plane: &mut Plane, weight: &Plane) {
+    for (value, weight) in plane.data.iter_mut().zip(&weight.data) {
+        *value = if *weight > 1e-3 { *value / weight } else { 0.0 };
+    }
 }
 
 /// Means of `f(value)` over blocks of [`DECIMATION`] squared texels.
-pub(super) fn decimated(plane: &Plane, f: impl Fn(f32) -> f32) -> Plane {
-    decimated_rows([plane.width, plane.height], |row, sums| {
+pub(super) fn decimated(plane: &Plane, f: impl Fn(f32) -> f32, planes: &mut Planes) -> Plane {
+    let mut small = planes.take([0; 2]);
+    decimate(plane, f, &mut small, planes);
+    small
+}
+
+/// [`decimated`] into `small`.
+fn decimate(plane: &Plane, f: impl Fn(f32) -> f32, small: &mut Plane, planes: &mut Planes) {
+    let add = |row: usize, sums: &mut [f32]| {
         for (sum, &value) in sums.iter_mut().zip(plane.row(row)) {
             *sum += f(value);
         }
-    })
+    };
+    decimate_rows([plane.width, plane.height], add, small, planes);
 }
 
-/// Means over blocks of [`DECIMATION`] squared texels of what `add` adds to the sums of each row.
-pub(super) fn decimated_rows([width, height]: [usize; 2], add: impl Fn(usize, &mut [f32])) -> Plane {
-    let mut small = Plane::new(width / DECIMATION, height / DECIMATION);
-    let mut sums = vec![0.0; width];
+/// Means over blocks of [`DECIMATION`] squared texels of what `add` adds to the sums of each row, into `small`.
+pub(super) fn decimate_rows(
+    [width, height]: [usize; 2],
+    add: impl Fn(usize, &mut [f32]),
+    small: &mut Plane,
+    planes: &mut Planes,
+) {
+    small.reshape([width / DECIMATION, height / DECIMATION]);
+    let mut sums = planes.take([width, 1]);
     let share = 1.0 / (DECIMATION * DECIMATION) as f32;
     vectorised(
         #[inline(always)]
         || {
             for block_row in 0..small.height {
-                sums.fill(0.0);
+                sums.data.fill(0.0);
                 for row in block_row * DECIMATION..(block_row + 1) * DECIMATION {
-                    add(row, &mut sums);
+                    add(row, &mut sums.data);
                 }
-                for (mean, block) in small.row_mut(block_row).iter_mut().zip(sums.as_chunks::<DECIMATION>().0) {
+                for (mean, block) in small.row_mut(block_row).iter_mut().zip(sums.data.as_chunks::<DECIMATION>().0) {
                     *mean = share * block.iter().sum::<f32>();
                 }
             }
         },
     );
-    small
+    planes.give_back([sums]);
 }
 
 /// A decimated plane, interpolated row by row to the size it came from.
@@ -177,37 +217,37 @@ fn neighbours(index: usize, blocks: usize) -> (usize, usize, f32) {
     if offset < 0.0 { (block, block.saturating_sub(1), -offset) } else { (block, (block + 1).min(blocks - 1), offset) }
 }
 
-/// Gaussian blur, cut at three standard deviations, zero beyond the border.
-pub(super) fn gaussian(plane: &Plane, sigma_px: f32) -> Plane {
-    let size = [plane.width, plane.height];
-    let mut blurred = Plane::default();
-    blur(size, sigma_px, |row, target| target.copy_from_slice(plane.row(row)), |_, _| (), &mut blurred);
-    blurred
+/// Gaussian blur in place, cut at three standard deviations, zero beyond the border.
+pub(super) fn gaussian(plane: &mut Plane, sigma_px: f32, planes: &mut Planes) {
+    blur(plane, sigma_px, |_, values, target| target.copy_from_slice(values), |_, _| (), planes);
 }
 
-/// Gaussian blur as of [`gaussian`] of the rows that `fill` writes, each asked for once, in order, into `out`; `finish` sees
-/// every row of the result.
+/// Gaussian blur in place as of [`gaussian`] of the rows that `fill` makes of the plane's, each once, in order; `finish` sees
+/// every row as it was, and its blur.
 fn blur(
-    [width, height]: [usize; 2],
+    plane: &mut Plane,
     sigma_px: f32,
-    mut fill: impl FnMut(usize, &mut [f32]),
-    mut finish: impl FnMut(usize, &mut [f32]),
-    out: &mut Plane,
+    mut fill: impl FnMut(usize, &[f32], &mut [f32]),
+    mut finish: impl FnMut(&[f32], &mut [f32]),
+    planes: &mut Planes,
 ) {
     let taps = gaussian_taps(sigma_px);
     let radius = taps.len() / 2;
+    let (width, height) = (plane.width, plane.height);
     let strips = width.next_multiple_of(STRIP);
-    out.reset([width, height], 0.0);
     // The rows around the current one, in turn; what no row has filled yet is zero.
-    let mut ring = vec![0.0; taps.len() * strips];
-    let mut column = vec![0.0; strips + 2 * radius];
+    let [mut ring, mut column, mut before] = [taps.len() * strips, strips + 2 * radius, width].map(|length| {
+        let mut row = planes.take([0; 2]);
+        row.reset([length, 1], 0.0);
+        row
+    });
     vectorised(
         #[inline(always)]
         || {
             for next in 0..height + radius {
-                let slot = &mut ring[(next % taps.len()) * strips..][..width];
+                let slot = &mut ring.data[(next % taps.len()) * strips..][..width];
                 if next < height {
-                    fill(next, slot);
+                    fill(next, plane.row(next), slot);
                 } else {
                     slot.fill(0.0);
                 }
@@ -215,21 +255,23 @@ fn blur(
                 for start in (0..strips).step_by(STRIP) {
                     // The oldest row lies after the newest.
                     let sources = (0..taps.len()).map(|tap| ((next + 1 + tap) % taps.len()) * strips + start);
-                    let sums = weighted_sums(&taps, &ring, sources);
-                    column[radius + start..][..STRIP].copy_from_slice(&sums);
+                    let sums = weighted_sums(&taps, &ring.data, sources);
+                    column.data[radius + start..][..STRIP].copy_from_slice(&sums);
                 }
-                let (targets, rest) = out.row_mut(row).as_chunks_mut::<STRIP>();
-                let sums = |strip: usize| weighted_sums(&taps, &column, strip * STRIP..strip * STRIP + taps.len());
+                before.data.copy_from_slice(plane.row(row));
+                let (targets, rest) = plane.row_mut(row).as_chunks_mut::<STRIP>();
+                let sums = |strip: usize| weighted_sums(&taps, &column.data, strip * STRIP..strip * STRIP + taps.len());
                 for (strip, target) in targets.iter_mut().enumerate() {
                     *target = sums(strip);
                 }
                 if !rest.is_empty() {
                     rest.copy_from_slice(&sums(targets.len())[..rest.len()]);
                 }
-                finish(row, out.row_mut(row));
+                finish(&before.data, plane.row_mut(row));
             }
         },
     );
+    planes.give_back([ring, column, before]);
 }
 
 /// Sums of strips of `data` that begin at `sources`, weighted by `taps`.
@@ -257,9 +299,9 @@ fn gaussian_taps(sigma_px: f32) -> Vec<f32> {
 }
 
 /// Sums over boxes of `2 radius + 1` squared texels around each texel, zero beyond the border.
-pub(super) fn box_sums(plane: &Plane, radius: usize) -> Plane {
+pub(super) fn box_sums(plane: &Plane, radius: usize, planes: &mut Planes) -> Plane {
     let (width, height) = (plane.width, plane.height);
-    let mut out = Plane::new(width, height);
+    let mut out = planes.take([width, height]);
     let mut column_sums = vec![0.0_f32; width];
     let mut prefix = vec![0.0_f32; width + 2 * radius + 1];
     for row in 0..height + radius {
@@ -294,7 +336,8 @@ mod tests {
     use super::*;
 
     fn wavy(width: usize, height: usize) -> Plane {
-        let mut plane = Plane::new(width, height);
+        let mut plane = Plane::default();
+        plane.reset([width, height], 0.0);
         for row in 0..height {
             for (column, value) in plane.row_mut(row).iter_mut().enumerate() {
                 *value = ((column * 7 + row * 13) % 11) as f32 - 5.0 + 0.01 * (row * column) as f32;
@@ -306,7 +349,7 @@ mod tests {
     #[test]
     fn box_sums_equal_the_sums_written_out() {
         let plane = wavy(23, 17);
-        let sums = box_sums(&plane, 3);
+        let sums = box_sums(&plane, 3, &mut Planes::default());
         for row in 0..17_usize {
             for column in 0..23_usize {
                 let mut expected = 0.0;
@@ -322,9 +365,11 @@ mod tests {
 
     #[test]
     fn a_gaussian_keeps_a_constant_inside_and_spreads_an_impulse_evenly() {
-        let mut plane = Plane::new(31, 31);
+        let mut plane = Plane::default();
+        plane.reset([31, 31], 0.0);
         plane.row_mut(15)[15] = 1.0;
-        let blurred = gaussian(&plane, 2.0);
+        gaussian(&mut plane, 2.0, &mut Planes::default());
+        let blurred = plane;
         assert!((blurred.data.iter().sum::<f32>() - 1.0).abs() < 1e-5);
         assert_eq!(blurred.row(15)[12], blurred.row(15)[18]);
         assert!((blurred.row(12)[15] - blurred.row(15)[12]).abs() < 1e-7);
@@ -338,8 +383,8 @@ mod tests {
             *value = 3.0 * *value + 20.0;
         }
         let [band, other] = [plane, other].map(|plane| {
-            let mut band = Band::default();
-            band.fill(&plane, 1.0, 8.0, 0.01);
+            let mut band = Band { texels: plane, seen: Plane::default() };
+            band.normalise([1.0, 8.0], 0.01, &mut Planes::default());
             band
         });
         assert!(band.seen.data.iter().all(|&share| share == 1.0));
@@ -353,8 +398,8 @@ mod tests {
         for row in 8..20 {
             plane.row_mut(row)[10..40].fill(f32::NAN);
         }
-        let mut band = Band::default();
-        band.fill(&plane, 1.0, 8.0, 0.01);
+        let mut band = Band { texels: plane.clone(), seen: Plane::default() };
+        band.normalise([1.0, 8.0], 0.01, &mut Planes::default());
         assert!(band.texels.data.iter().all(|value| value.is_finite()));
         assert!(plane.data.iter().zip(&band.texels.data).all(|(given, value)| given.is_nan() == (*value == 0.0)));
         assert_eq!(band.seen.row(3)[2..10], [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);

@@ -96,13 +96,45 @@ impl ViewPose {
     }
 }
 
-/// A decoded photo.
+/// A decoded photo, with what its mask hides.
 #[derive(Clone, Debug)]
 pub struct Pixels<'a> {
-    /// Grey values 0 to 255, of the camera's size.
-    pub grey: Cow<'a, Luma>,
-    /// Mask of the same size, if there is one.
-    pub mask: Option<Cow<'a, Mask>>,
+    grey: Cow<'a, Luma>,
+    masked: bool,
+}
+
+impl<'a> Pixels<'a> {
+    /// Grey values 0 to 255 of a photo of the camera's size, all of them shown.
+    pub fn new(grey: Cow<'a, Luma>) -> Self {
+        Self { grey, masked: false }
+    }
+
+    /// The same with a mask (of the photo's size, else `None`), which is laid into it: grey value 0 is what it hides, black
+    /// becomes 1.
+    pub fn with_mask(mut grey: Luma, mask: &Mask) -> Option<Self> {
+        if (grey.width, grey.height) != (mask.width, mask.height) {
+            return None;
+        }
+        for (grey, &mask) in grey.data.iter_mut().zip(&mask.data) {
+            *grey = if mask < 128 { 0 } else { (*grey).max(1) };
+        }
+        Some(Self { grey: Cow::Owned(grey), masked: true })
+    }
+
+    /// A view of the same pixels.
+    pub fn borrowed(&self) -> Pixels<'_> {
+        Pixels { grey: Cow::Borrowed(&*self.grey), masked: self.masked }
+    }
+
+    /// Grey values; with a mask 0 is hidden.
+    pub fn grey(&self) -> &Luma {
+        &self.grey
+    }
+
+    /// Has a mask.
+    pub fn is_masked(&self) -> bool {
+        self.masked
+    }
 }
 
 /// Where photos come from; asked once per photo and round, from several threads, roughly in order.
@@ -113,9 +145,7 @@ pub trait Photos: Sync {
 
 impl Photos for [Pixels<'_>] {
     fn load(&self, photo: usize) -> Option<Pixels<'_>> {
-        let pixels = self.get(photo)?;
-        let mask = pixels.mask.as_deref().map(Cow::Borrowed);
-        Some(Pixels { grey: Cow::Borrowed(&*pixels.grey), mask })
+        self.get(photo).map(Pixels::borrowed)
     }
 }
 

@@ -57,10 +57,13 @@ pub(super) fn last_needed(pairs: &[ExpectedPair], photos: usize) -> Vec<Option<u
 
 #[cfg(test)]
 mod tests {
+    use fixedbitset::FixedBitSet;
+
     use super::*;
 
     fn footprint(first_row: i64) -> Footprint {
-        let (size, seen) = ([2, 10], vec![true; 20]);
+        let (size, mut seen) = ([2, 10], FixedBitSet::with_capacity(20));
+        seen.insert_range(..);
         Footprint { block0: [0, first_row], size, seen, count: 20, distance_m: 3.0 }
     }
 

@@ -2,8 +2,8 @@
 
 use nalgebra::Isometry3;
 
-use super::filter::{Band, DECIMATION, Plane, box_sums, decimated, decimated_rows};
-use super::rectify::rectify;
+use super::filter::{Band, DECIMATION, Plane, Planes, box_sums, decimate_rows, decimated};
+use super::rectify::{Laying, rectify};
 use super::texels::Texels;
 use super::wall::{BLOCK, Footprint, WallGrid};
 use super::{MatchConfig, Pixels};
@@ -17,8 +17,18 @@ pub(super) const MIN_VARIANCE: f32 = 0.02;
 /// Working memory of a photo on its way to the wall grid.
 #[derive(Debug, Default)]
 pub(super) struct Bench {
-    rectified: Plane,
+    laying: Laying,
     band: Band,
+    planes: Planes,
+    /// Of photos that are done with.
+    texels: Vec<Vec<i8>>,
+}
+
+impl Bench {
+    /// Takes the memory of a photo that is done with.
+    pub(super) fn give_back(&mut self, patch: Patch) {
+        self.texels.push(patch.texels.into_memory());
+    }
 }
 
 /// One photo on its window of the wall grid.
@@ -43,15 +53,15 @@ impl Patch {
         footprint: &Footprint,
         pixels: &Pixels<'_>,
         config: &MatchConfig,
-        Bench { rectified, band }: &mut Bench,
+        Bench { laying, band, planes, texels }: &mut Bench,
     ) -> Self {
-        rectify(grid, tunnel_from_cam, footprint, pixels, rectified);
-        band.fill(rectified, config.band_small_px, config.band_large_px, config.contrast_floor);
-        let usable = usable(band, config.template_px / 2);
+        rectify(grid, tunnel_from_cam, footprint, pixels, laying, &mut band.texels);
+        band.normalise([config.band_small_px, config.band_large_px], config.contrast_floor, planes);
+        let usable = usable(band, config.template_px / 2, planes);
         let origin = footprint.block0.map(|block| block * BLOCK as i64);
-        let points = reference_points(&band.texels, &usable, origin, config);
+        let points = reference_points(&band.texels, &usable, origin, config, planes);
         let footprint = without_masked(footprint, &band.seen);
-        Self { origin, texels: Texels::new(&band.texels), usable, points, footprint }
+        Self { origin, texels: Texels::new(&band.texels, texels.pop().unwrap_or_default()), usable, points, footprint }
     }
 
     /// Tells whether a template can lie around a place in the window; none can beyond it.
@@ -64,38 +74,49 @@ impl Patch {
 }
 
 /// Blocks around which enough of a template has been seen, and has enough contrast.
-fn usable(band: &Band, half: usize) -> Vec<bool> {
+fn usable(band: &Band, half: usize, planes: &mut Planes) -> Vec<bool> {
     let blocks = (2 * half + 1) as f32 / DECIMATION as f32;
     let area = blocks * blocks;
-    let counts = template_sums(&band.seen, half);
-    let sums = template_sums(&decimated(&band.texels, |value| value), half);
-    let squares = template_sums(&decimated(&band.texels, |value| value * value), half);
+    let means = decimated(&band.texels, |value| value, planes);
+    let mean_squares = decimated(&band.texels, |value| value * value, planes);
+    let [counts, sums, squares] = [&band.seen, &means, &mean_squares].map(|plane| template_sums(plane, half, planes));
     let is_usable = |((count, sum), square): ((&f32, &f32), &f32)| {
         *count >= MIN_SEEN * area && square - sum * sum / area > MIN_VARIANCE * area
     };
-    counts.data.iter().zip(&sums.data).zip(&squares.data).map(is_usable).collect()
+    let usable = counts.data.iter().zip(&sums.data).zip(&squares.data).map(is_usable).collect();
+    planes.give_back([means, mean_squares, counts, sums, squares]);
+    usable
 }
 
 /// Sums over a template around each block's middle: between those of the boxes of whole blocks that are just smaller and larger.
 ///
 /// The share that must be seen decides how near to a photo's border, where matches tell most about its rotation, points can lie.
-fn template_sums(plane: &Plane, half: usize) -> Plane {
+fn template_sums(plane: &Plane, half: usize, planes: &mut Planes) -> Plane {
     let radius = half as f32 / DECIMATION as f32 - 0.375;
     let smaller = radius.max(0.0).floor();
     let areas = [smaller, smaller + 1.0, radius.max(0.0)].map(|radius| (2.0 * radius + 1.0) * (2.0 * radius + 1.0));
     let share = (areas[2] - areas[0]) / (areas[1] - areas[0]);
-    let mut sums = box_sums(plane, smaller as usize);
-    for (sum, larger) in sums.data.iter_mut().zip(&box_sums(plane, smaller as usize + 1).data) {
+    let [mut sums, larger] = [0, 1].map(|more| box_sums(plane, smaller as usize + more, planes));
+    for (sum, larger) in sums.data.iter_mut().zip(&larger.data) {
         *sum += share * (larger - *sum);
     }
+    planes.give_back([larger]);
     sums
 }
 
 /// The best corner (Shi and Tomasi's smaller eigenvalue of the gradients' moments) in each cell of the wall, to a block.
-fn reference_points(texels: &Plane, usable: &[bool], origin: [i64; 2], config: &MatchConfig) -> Vec<[usize; 2]> {
+fn reference_points(
+    texels: &Plane,
+    usable: &[bool],
+    origin: [i64; 2],
+    config: &MatchConfig,
+    planes: &mut Planes,
+) -> Vec<[usize; 2]> {
     // Half-width of the box nearest in size.
     let radius = (config.corner_px as f32 / DECIMATION as f32 - 0.375).round().max(0.0) as usize;
-    let [xx, xy, yy] = moments(texels).map(|plane| box_sums(&plane, radius));
+    let means = moments(texels, planes);
+    let [xx, xy, yy] = means.each_ref().map(|plane| box_sums(plane, radius, planes));
+    planes.give_back(means);
     let strength = |index: usize| {
         let (a, b, c) = (xx.data[index], xy.data[index], yy.data[index]);
         0.5 * (a + c) - (0.25 * (a - c) * (a - c) + b * b).sqrt()
@@ -129,17 +150,23 @@ fn reference_points(texels: &Plane, usable: &[bool], origin: [i64; 2], config: &
             points.extend(best.1);
         }
     }
+    planes.give_back([xx, xy, yy]);
     points
 }
 
 /// Means over blocks of the gradients' products: along a row squared, mixed, along a column squared.
-fn moments(texels: &Plane) -> [Plane; 3] {
-    [moment(texels, |gx, _| gx * gx), moment(texels, |gx, gy| gx * gy), moment(texels, |_, gy| gy * gy)]
+fn moments(texels: &Plane, planes: &mut Planes) -> [Plane; 3] {
+    [
+        moment(texels, |gx, _| gx * gx, planes),
+        moment(texels, |gx, gy| gx * gy, planes),
+        moment(texels, |_, gy| gy * gy, planes),
+    ]
 }
 
-fn moment(texels: &Plane, product: impl Fn(f32, f32) -> f32) -> Plane {
+fn moment(texels: &Plane, product: impl Fn(f32, f32) -> f32, planes: &mut Planes) -> Plane {
     let (width, height) = (texels.width, texels.height);
-    decimated_rows([width, height], |row, sums| {
+    let mut means = planes.take([0; 2]);
+    let add = |row: usize, sums: &mut [f32]| {
         if row == 0 || row + 1 == height {
             return;
         }
@@ -148,7 +175,9 @@ fn moment(texels: &Plane, product: impl Fn(f32, f32) -> f32) -> Plane {
         for (sum, ((left, right), (up, down))) in sums[1..].iter_mut().zip(across) {
             *sum += product(right - left, down - up);
         }
-    })
+    };
+    decimate_rows([width, height], add, &mut means, planes);
+    means
 }
 
 /// The footprint without the blocks of which less than half was seen.
@@ -161,10 +190,11 @@ fn without_masked(footprint: &Footprint, seen: &Plane) -> Footprint {
             let shares: f32 = (block_row * parts..(block_row + 1) * parts)
                 .map(|row| seen.row(row)[block_column * parts..(block_column + 1) * parts].iter().sum::<f32>())
                 .sum();
-            let slot = &mut kept.seen[block_row * blocks_wide + block_column];
-            *slot = *slot && shares >= 0.5 * (parts * parts) as f32;
+            if shares < 0.5 * (parts * parts) as f32 {
+                kept.seen.set(block_row * blocks_wide + block_column, false);
+            }
         }
     }
-    kept.count = kept.seen.iter().filter(|&&block| block).count();
+    kept.count = kept.seen.count_ones(..);
     kept
 }

@@ -1,6 +1,7 @@
 //! A photo laid onto the wall grid.
 
 use std::borrow::Cow;
+use std::mem::{replace, take};
 
 use nalgebra::{Isometry3, Point3};
 
@@ -21,6 +22,47 @@ const LOG_OFFSET: f32 = 8.0;
 /// Steps per grey level of a halved photo.
 const LEVEL_STEPS: u16 = 16;
 
+/// A grey level of a photo as given or halved.
+trait Level: Copy + PartialEq + Default {
+    /// The level and its right neighbour in one number: one read from memory, where two would be the slowest part.
+    fn pair(levels: [Self; 2]) -> u32;
+    /// Takes them apart again.
+    fn apart(pair: u32) -> [f32; 2];
+    fn widened(self) -> u16;
+}
+
+impl Level for u8 {
+    #[inline(always)]
+    fn pair(levels: [Self; 2]) -> u32 {
+        u32::from(u16::from_le_bytes(levels))
+    }
+
+    #[inline(always)]
+    fn apart(pair: u32) -> [f32; 2] {
+        [(pair & 0xff) as f32, (pair >> 8) as f32]
+    }
+
+    fn widened(self) -> u16 {
+        self.into()
+    }
+}
+
+impl Level for u16 {
+    #[inline(always)]
+    fn pair([left, right]: [Self; 2]) -> u32 {
+        u32::from(left) | u32::from(right) << 16
+    }
+
+    #[inline(always)]
+    fn apart(pair: u32) -> [f32; 2] {
+        [(pair & 0xffff) as f32, (pair >> 16) as f32]
+    }
+
+    fn widened(self) -> u16 {
+        self
+    }
+}
+
 /// A photo, halved until its pixels are about as large as the grid's texels.
 struct Image<'a, T: Clone> {
     width: usize,
@@ -34,30 +76,30 @@ struct Image<'a, T: Clone> {
 
 impl<'a> Image<'a, u8> {
     fn new(pixels: &'a Pixels<'_>) -> Self {
-        let grey = &*pixels.grey;
-        let levels = match pixels.mask.as_deref() {
-            Some(mask) => {
-                let shown = grey.data.iter().zip(&mask.data);
-                shown.map(|(&grey, &mask)| if mask < 128 { 0 } else { grey.max(1) }).collect()
-            }
-            None => Cow::Borrowed(&grey.data[..]),
-        };
-        Self { width: grey.width, height: grey.height, levels, step: 1.0, masked: pixels.mask.is_some() }
+        let grey = pixels.grey();
+        Self {
+            width: grey.width,
+            height: grey.height,
+            levels: (&grey.data).into(),
+            step: 1.0,
+            masked: pixels.is_masked(),
+        }
     }
 }
 
-impl<T: Copy + Default + PartialEq + Into<f32> + Into<u16>> Image<'_, T> {
-    /// Means of two by two pixels, hidden where one of them is.
-    fn halved(&self) -> Image<'static, u16> {
+impl<T: Level> Image<'_, T> {
+    /// Means of two by two pixels, hidden where one of them is, in memory that there is.
+    fn halved(&self, mut halved: Vec<u16>) -> Image<'static, u16> {
         let (width, height) = (self.width / 2, self.height / 2);
         // The mean of four, in steps.
         let steps = (f32::from(LEVEL_STEPS) * self.step) as u16;
-        let mut halved = Vec::with_capacity(width * height);
+        halved.clear();
+        halved.reserve(width * height);
         for rows in self.levels[..2 * self.width * height].chunks_exact(2 * self.width) {
             let (upper, lower) = rows.split_at(self.width);
             let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
             halved.extend(pairs.map(|(upper, lower)| {
-                let [a, b, c, d]: [u16; 4] = [upper[0], upper[1], lower[0], lower[1]].map(Into::into);
+                let [a, b, c, d] = [upper[0], upper[1], lower[0], lower[1]].map(Level::widened);
                 let hidden = self.masked && a.min(b).min(c).min(d) == 0;
                 if hidden { 0 } else { (steps * (a + b + c + d) + 2) >> 2 }
             }));
@@ -78,18 +120,21 @@ impl<T: Copy + Default + PartialEq + Into<f32> + Into<u16>> Image<'_, T> {
             column[i] = if inside[i] { xs[i] as i32 } else { 0 };
             row[i] = if inside[i] { ys[i] as i32 } else { 0 };
         }
-        let (mut a, mut b, mut c, mut d) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
+        let (mut upper, mut lower) = ([0; N], [0; N]);
         for i in 0..N {
             let index = row[i] as usize * self.width + column[i] as usize;
-            let (upper, lower) = (&self.levels[index..index + 2], &self.levels[index + self.width..][..2]);
-            (a[i], b[i], c[i], d[i]) = (upper[0].into(), upper[1].into(), lower[0].into(), lower[1].into());
+            // One check of the bounds.
+            let around = &self.levels[index..][..self.width + 2];
+            (upper[i], lower[i]) =
+                (T::pair([around[0], around[1]]), T::pair([around[self.width], around[self.width + 1]]));
         }
         let mut logarithms = [f32::NAN; N];
         for i in 0..N {
+            let ([a, b], [c, d]) = (T::apart(upper[i]), T::apart(lower[i]));
             let (tx, ty) = (xs[i] - column[i] as f32, ys[i] - row[i] as f32);
-            let (top, bottom) = (a[i] + tx * (b[i] - a[i]), c[i] + tx * (d[i] - c[i]));
+            let (top, bottom) = (a + tx * (b - a), c + tx * (d - c));
             let sample = logarithm(self.step * (top + ty * (bottom - top)) + LOG_OFFSET);
-            let hidden = self.masked && a[i].min(b[i]).min(c[i]).min(d[i]) == 0.0;
+            let hidden = self.masked && a.min(b).min(c).min(d) == 0.0;
             logarithms[i] = if inside[i] && !hidden { sample } else { f32::NAN };
         }
         logarithms
@@ -110,51 +155,59 @@ fn logarithm(value: f32) -> f32 {
     exponent as f32 * std::f32::consts::LN_2 + t * series
 }
 
+/// Working memory of [`rectify`].
+#[derive(Debug, Default)]
+pub(super) struct Laying {
+    knots: Knots,
+    halved: Vec<u16>,
+    quartered: Vec<u16>,
+}
+
 /// Lays the logarithm of the photo onto the footprint's window of the grid; NaN where it does not see the wall.
 pub(super) fn rectify(
     grid: &WallGrid<'_>,
     tunnel_from_cam: &Isometry3<f64>,
     footprint: &Footprint,
     pixels: &Pixels<'_>,
+    Laying { knots, halved, quartered }: &mut Laying,
     plane: &mut Plane,
 ) {
     let focal_px = 0.5 * (grid.camera.focal_px[0] + grid.camera.focal_px[1]);
     let texel_px = grid.step_m * focal_px / footprint.distance_m;
     // Halve when a texel is at least about 1.6 pixels wide.
     let halvings = (texel_px.log2() - 0.2).round().clamp(0.0, 6.0) as u32;
-    let knots = Knots::new(grid, tunnel_from_cam, footprint, 0.5_f64.powi(halvings as i32));
-    plane.reset(footprint.size.map(|blocks| blocks * BLOCK), f32::NAN);
+    knots.fill(grid, tunnel_from_cam, footprint, 0.5_f64.powi(halvings as i32));
     let image = Image::new(pixels);
     if halvings == 0 {
-        return lay(&image, &knots, footprint, plane);
+        return lay(&image, knots, footprint, plane);
     }
-    let mut halved = image.halved();
+    let mut image = image.halved(take(halved));
     for _ in 1..halvings {
-        halved = halved.halved();
+        let next = image.halved(take(quartered));
+        *quartered = replace(&mut image, next).levels.into_owned();
     }
-    lay(&halved, &knots, footprint, plane);
+    lay(&image, knots, footprint, plane);
+    *halved = image.levels.into_owned();
 }
 
 /// Goes block by block: a row of the wall may run along a column of the photo, and then misses the cache at every texel.
-fn lay<T>(image: &Image<'_, T>, knots: &Knots, footprint: &Footprint, plane: &mut Plane)
-where
-    T: Copy + Default + PartialEq + Into<f32> + Into<u16>,
-{
-    if image.width < 2 || image.height < 2 {
-        return;
-    }
+fn lay<T: Level>(image: &Image<'_, T>, knots: &Knots, footprint: &Footprint, plane: &mut Plane) {
     let [blocks_wide, blocks_high] = footprint.size;
+    plane.reshape([blocks_wide, blocks_high].map(|blocks| blocks * BLOCK));
+    let is_image = image.width >= 2 && image.height >= 2;
     vectorised(
         #[inline(always)]
         || {
             for (block_row, block_column) in
                 (0..blocks_high).flat_map(|row| (0..blocks_wide).map(move |column| (row, column)))
             {
-                if !footprint.sees_around([block_column, block_row]) {
-                    continue;
-                }
                 let start = block_column * BLOCK;
+                let is_seen = is_image && footprint.sees_around([block_column, block_row]);
                 for row in block_row * BLOCK..(block_row + 1) * BLOCK {
+                    if !is_seen {
+                        plane.row_mut(row)[start..start + BLOCK].fill(f32::NAN);
+                        continue;
+                    }
                     let [xs, ys] = knots.positions(row, start);
                     let nearest = (row + KNOT_ROWS / 2) / KNOT_ROWS + 1;
                     let facing = &knots.facing[nearest * plane.width + start..][..BLOCK];
@@ -171,6 +224,7 @@ where
 
 /// Exact projections of every column, every [`KNOT_ROWS`] rows, from one knot before the window on. Between them pixels follow a
 /// cubic, to some thousandths of a pixel.
+#[derive(Debug, Default)]
 struct Knots {
     /// Position along x and y in the halved image, counted from the first pixel's centre; NaN where there is none.
     pixels: [Plane; 2],
@@ -181,17 +235,21 @@ struct Knots {
 }
 
 impl Knots {
-    fn new(
+    fn fill(
+        &mut self,
         grid: &WallGrid<'_>,
         tunnel_from_cam: &Isometry3<f64>,
         footprint: &Footprint,
         pixels_per_photo_pixel: f64,
-    ) -> Self {
+    ) {
         let width = footprint.size[0] * BLOCK;
         let rows = footprint.size[1] * KNOTS + 3;
-        let weights = std::array::from_fn(|phase| cubic_weights(phase as f32 / KNOT_ROWS as f32));
-        let unknown = Plane { width, height: rows, data: vec![f32::NAN; width * rows] };
-        let mut knots = Self { pixels: [unknown.clone(), unknown], facing: vec![false; width * rows], weights };
+        self.weights = std::array::from_fn(|phase| cubic_weights(phase as f32 / KNOT_ROWS as f32));
+        for plane in &mut self.pixels {
+            plane.reset([width, rows], f32::NAN);
+        }
+        self.facing.clear();
+        self.facing.resize(width * rows, false);
         let centre = Point3::from(tunnel_from_cam.translation.vector);
         let cam_from_tunnel = tunnel_from_cam.inverse();
         // Of each column of blocks, those around which something is seen and the next on both sides.
@@ -213,13 +271,12 @@ impl Knots {
                 let in_cam = cam_from_tunnel.transform_point(&point.position).coords;
                 let Some(pixel) = grid.camera.project(&in_cam) else { continue };
                 let index = knot * width + column;
-                knots.facing[index] = open && grid.faces(&point, &centre);
+                self.facing[index] = open && grid.faces(&point, &centre);
                 for axis in [0, 1] {
-                    knots.pixels[axis].data[index] = (pixel[axis] * pixels_per_photo_pixel - 0.5) as f32;
+                    self.pixels[axis].data[index] = (pixel[axis] * pixels_per_photo_pixel - 0.5) as f32;
                 }
             }
         }
-        knots
     }
 
     /// Positions along x and y, between the knots, of the texels of a row from column `start` on.
@@ -266,7 +323,7 @@ mod tests {
         let mut mask = Mask { width: 4, height: 2, data: vec![255; 8] };
         mask.data[3] = 0;
         let grey = Luma { width: 4, height: 2, data: vec![0, 10, 20, 30, 40, 50, 60, 70] };
-        let pixels = Pixels { grey: Cow::Owned(grey), mask: Some(Cow::Owned(mask)) };
+        let pixels = Pixels::with_mask(grey, &mask).expect("a mask of its size");
         let image = Image::new(&pixels);
         let samples = image.sample(&[1.25, 1.0, 2.5, -0.1, 3.0, f32::NAN], &[0.5, 0.0, 0.5, 0.5, 0.5, 0.5]);
         assert!((samples[0] - (32.5_f32 + LOG_OFFSET).ln()).abs() < 1e-5);
@@ -277,7 +334,7 @@ mod tests {
     #[test]
     fn without_a_mask_black_is_a_level_like_any_other() {
         let grey = Luma { width: 2, height: 2, data: vec![0; 4] };
-        let pixels = Pixels { grey: Cow::Owned(grey), mask: None };
+        let pixels = Pixels::new(Cow::Owned(grey));
         assert!((Image::new(&pixels).sample(&[0.5], &[0.5])[0] - LOG_OFFSET.ln()).abs() < 1e-5);
     }
 
@@ -293,8 +350,8 @@ mod tests {
     fn halving_takes_means_and_hides_what_is_partly_hidden() {
         let mask = Mask { width: 4, height: 2, data: vec![255, 255, 255, 0, 255, 255, 255, 255] };
         let grey = Luma { width: 4, height: 2, data: vec![10, 20, 1, 1, 30, 41, 1, 1] };
-        let pixels = Pixels { grey: Cow::Owned(grey), mask: Some(Cow::Owned(mask)) };
-        let image = Image::new(&pixels).halved();
+        let pixels = Pixels::with_mask(grey, &mask).expect("a mask of its size");
+        let image = Image::new(&pixels).halved(Vec::new());
         assert_eq!((image.width, image.height, &image.levels[..]), (2, 1, &[404, 0][..]));
     }
 
@@ -314,7 +371,8 @@ mod tests {
         let rotation = turned * nominal_rotation(ImageUp::Forward, 0.6);
         let pose = Isometry3::from_parts(Translation3::new(0.2, 0.2, -0.3), rotation);
         let footprint = Footprint::new(&grid, &pose).expect("a wall");
-        let knots = Knots::new(&grid, &pose, &footprint, 1.0);
+        let mut knots = Knots::default();
+        knots.fill(&grid, &pose, &footprint, 1.0);
         let mut worst_px = 0.0_f64;
         for row in 0..footprint.size[1] * BLOCK {
             for block in 0..footprint.size[0] {

@@ -1,6 +1,8 @@
 //! One round of matching over all photos, a few held at a time.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::mem::take;
+use std::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
@@ -12,7 +14,7 @@ use super::patch::{Bench, Patch};
 use super::repeats::repeat_px;
 use super::search::Search;
 use super::wall::Footprint;
-use super::{MatchConfig, MatchRound, PairReport, Photos, Pixels, ViewPose};
+use super::{MatchConfig, MatchRound, PairReport, Photos, ViewPose};
 use crate::adjust::{Observation, Tracks};
 
 /// A photo as loaded.
@@ -26,7 +28,7 @@ struct View {
 const RESERVE_AFTER: usize = 100;
 
 /// Photos as loaded so far.
-type Views = Vec<Option<Arc<View>>>;
+type Views = Vec<Option<Box<View>>>;
 
 /// What [`match_round`] needs at every step.
 struct Round<'a> {
@@ -62,22 +64,23 @@ pub fn match_round<P: Photos + ?Sized>(
         expected_pairs(&footprints, round.sharp.blocks_around(), config.min_overlap, config.max_partners);
     expected.retain(|pair| wanted(pair.photos));
     let last_needed = last_needed(&expected, poses.len());
-    let mut views: Views = vec![None; poses.len()];
+    let mut views: Views = std::iter::repeat_with(|| None).take(poses.len()).collect();
     let mut found: Vec<Vec<Found>> = vec![Vec::new(); poses.len()];
     let mut finished: Vec<Option<Tracks>> = vec![None; poses.len()];
     let mut next = 0;
     let mut result = MatchRound::default();
     let batch = (2 * rayon::current_num_threads()).max(8);
     let mut waiting = expected.as_slice();
+    let load = |batch: Range<usize>| -> Views {
+        let view = |search: &mut Search, photo: usize| {
+            last_needed[photo]?;
+            round.view(photo, footprints[photo].as_ref()?, photos, search).map(Box::new)
+        };
+        batch.into_par_iter().map_init(Search::default, view).collect()
+    };
+    let mut loaded = load(0..batch.min(poses.len()));
     for start in (0..poses.len()).step_by(batch) {
         let end = (start + batch).min(poses.len());
-        let loaded: Views = (start..end)
-            .into_par_iter()
-            .map_init(Search::default, |search, photo| {
-                last_needed[photo]?;
-                round.view(photo, footprints[photo].as_ref()?, photos, search).map(Arc::new)
-            })
-            .collect();
         for (photo, view) in (start..end).zip(loaded) {
             if view.is_none() && (last_needed[photo].is_some() || footprints[photo].is_none()) {
                 result.unusable.push(photo as u32);
@@ -86,19 +89,29 @@ pub fn match_round<P: Photos + ?Sized>(
         }
         let (ready, later) = waiting.split_at(waiting.partition_point(|pair| pair.photos[1] < end));
         waiting = later;
-        let done: Vec<Option<(PairReport, Vec<Match>)>> =
-            ready.par_iter().map_init(Search::default, |search, pair| round.pair(pair, &views, search)).collect();
-        for (report, matches) in done.into_iter().flatten() {
-            round.collect(&report, &matches, &mut found);
+        let search = || -> Vec<Option<(PairReport, Vec<Finding>)>> {
+            ready.par_iter().map_init(Search::default, |search, pair| round.pair(pair, &views, search)).collect()
+        };
+        // Neither waits for the other's last photo or pair.
+        let (searched, next_loaded) = rayon::join(search, || load(end..(end + batch).min(poses.len())));
+        loaded = next_loaded;
+        for (report, findings) in searched.into_iter().flatten() {
+            for Finding { of, found: one } in findings {
+                found[of as usize].push(one);
+            }
             result.pairs.push(report);
         }
-        for photo in 0..end {
-            if finished[photo].is_none() && last_needed[photo].is_none_or(|last| last < end) {
-                let found = std::mem::take(&mut found[photo]);
-                let view = views[photo].take();
-                finished[photo] =
-                    Some(view.map_or_else(Tracks::default, |view| round.tracks_of(photo, &view.sharp, found)));
-            }
+        let is_last = |photo: &usize| finished[*photo].is_none() && last_needed[*photo].is_none_or(|last| last < end);
+        let last: Vec<_> =
+            (0..end).filter(is_last).map(|photo| (photo, views[photo].take(), take(&mut found[photo]))).collect();
+        let tracks_of = |(photo, view, found): (usize, Option<Box<View>>, Vec<Found>)| {
+            let Some(view) = view else { return (photo, Tracks::default()) };
+            let tracks = round.tracks_of(photo, &view.sharp, found);
+            round.give_back(*view);
+            (photo, tracks)
+        };
+        for (photo, tracks) in last.into_par_iter().map(tracks_of).collect::<Vec<_>>() {
+            finished[photo] = Some(tracks);
         }
         // In order of the photos, whatever the batches are.
         while let Some(Some(tracks)) = finished.get(next).filter(|_| next < end) {
@@ -123,6 +136,12 @@ struct Found {
     seen: Observation,
 }
 
+/// A reference point of photo `of` was found.
+struct Finding {
+    of: u32,
+    found: Found,
+}
+
 impl Round<'_> {
     fn view<P: Photos + ?Sized>(
         &self,
@@ -132,19 +151,30 @@ impl Round<'_> {
         search: &mut Search,
     ) -> Option<View> {
         let pixels = photos.load(photo)?;
-        if !has_size_of(&pixels, self.sharp.grid.camera) {
+        let (grey, camera) = (pixels.grey(), self.sharp.grid.camera);
+        if [grey.width, grey.height] != [camera.width_px as usize, camera.height_px as usize] {
             return None;
         }
-        let benches = || self.benches.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut bench = benches().pop().unwrap_or_default();
+        let mut bench = self.benches().pop().unwrap_or_default();
         let sharp = self.sharp.patch(photo, footprint, &pixels, &mut bench);
         let repeating = self.blurred.as_ref().and_then(|level| {
             let repeat_px = repeat_px(&sharp, &self.sharp.config, search)?;
             let footprint = Footprint::new(&level.grid, &level.poses[photo].tunnel_from_cam)?;
             Some((repeat_px, level.patch(photo, &footprint, &pixels, &mut bench)))
         });
-        benches().push(bench);
+        self.benches().push(bench);
         Some(View { sharp, repeating })
+    }
+
+    fn benches(&self) -> MutexGuard<'_, Vec<Bench>> {
+        self.benches.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the memory of a photo that is done with.
+    fn give_back(&self, view: View) {
+        if let Some(bench) = self.benches().last_mut() {
+            bench.give_back(view.sharp);
+        }
     }
 
     /// The reference points of a photo that others found, in the order of the points, then of the photos.
@@ -163,7 +193,7 @@ impl Round<'_> {
     }
 
     /// Tries a pair; `None` if a photo is missing or the masks leave too little overlap.
-    fn pair(&self, expected: &ExpectedPair, views: &Views, search: &mut Search) -> Option<(PairReport, Vec<Match>)> {
+    fn pair(&self, expected: &ExpectedPair, views: &Views, search: &mut Search) -> Option<(PairReport, Vec<Finding>)> {
         let photos = expected.photos;
         let views = [views[photos[0]].as_deref()?, views[photos[1]].as_deref()?];
         let pair = views.map(|view| &view.sharp);
@@ -197,7 +227,8 @@ impl Round<'_> {
             }
             _ => searched.run_widening(level.reach_px(needed_px), search, &mut report),
         };
-        Some((report, matches))
+        let findings = if report.kept { self.findings(photos, &matches) } else { Vec::new() };
+        Some((report, findings))
     }
 
     /// Searches a pair whose wall repeats itself: nowhere farther than `most_px` from where the point is expected.
@@ -233,25 +264,16 @@ impl Round<'_> {
         clear.then(|| Hint { found: level.displacements(&matches), gate_m: level.gate_m() })
     }
 
-    fn collect(&self, report: &PairReport, matches: &[Match], found: &mut [Vec<Found>]) {
-        if !report.kept {
-            return;
-        }
-        let photos = [report.first, report.second];
-        for one in matches {
+    /// Where matches lie in the photos that found them.
+    fn findings(&self, photos: [usize; 2], matches: &[Match]) -> Vec<Finding> {
+        let finding = |one: &Match| {
             let photo = photos[1 - one.candidate.from];
             let place = [0, 1].map(|axis| one.candidate.reference[axis] + one.displacement[axis]);
-            let pose = &self.sharp.poses[photo as usize].tunnel_from_cam;
-            if let Some(pixel) = self.sharp.grid.pixel(pose, place[0], place[1]) {
-                let seen = Observation { photo, pixel: [pixel.x as f32, pixel.y as f32] };
-                found[photos[one.candidate.from] as usize].push(Found { point: one.candidate.point as u32, seen });
-            }
-        }
+            let pixel = self.sharp.grid.pixel(&self.sharp.poses[photo].tunnel_from_cam, place[0], place[1])?;
+            let seen = Observation { photo: photo as u32, pixel: [pixel.x as f32, pixel.y as f32] };
+            let found = Found { point: one.candidate.point as u32, seen };
+            Some(Finding { of: photos[one.candidate.from] as u32, found })
+        };
+        matches.iter().filter_map(finding).collect()
     }
-}
-
-fn has_size_of(pixels: &Pixels<'_>, camera: &Camera<f64>) -> bool {
-    let expected = (camera.width_px as usize, camera.height_px as usize);
-    let mask_fits = pixels.mask.as_ref().is_none_or(|mask| (mask.width, mask.height) == expected);
-    (pixels.grey.width, pixels.grey.height) == expected && mask_fits
 }

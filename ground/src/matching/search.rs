@@ -1,14 +1,11 @@
 //! Template search by normalised cross-correlation, with a sub-pixel peak.
 
 use super::patch::{MIN_VARIANCE, Patch};
-use super::texels::{STEPS, Texels};
+use super::texels::{LANES, STEPS, Texels};
 use crate::vectors::vectorised;
 
 /// Window columns worked on together: enough independent sums to hide the latency of a fused multiply-add.
 const GROUP: usize = 8;
-
-/// Texels multiplied at once; template rows are padded with zeros to a multiple of this.
-const LANES: usize = 16;
 
 /// Sums of products, of which each is that of two neighbouring lanes.
 type Products = [i32; LANES / 2];
@@ -142,7 +139,11 @@ impl Search {
     fn take_template(&mut self, from: &Texels, middle: [i64; 2], size: &SearchSize) -> Option<Template> {
         let side = size.side();
         let corner = middle.map(|middle| middle - size.half as i64);
-        from.copy_rectangle(corner, [side; 2], &mut self.template, size.template_stride());
+        let stride = size.template_stride();
+        from.copy_rectangle(corner, [stride, side], &mut self.template);
+        for row in self.template.chunks_exact_mut(stride) {
+            row[side..].fill(0);
+        }
         let values = &self.template;
         let (sum, squares) = vectorised(
             #[inline(always)]
@@ -160,10 +161,9 @@ impl Search {
     }
 
     fn take_window(&mut self, to: &Texels, target: [i64; 2], size: &SearchSize) {
-        let stride = size.window_stride();
-        let side = size.reach.map(|reach| 2 * (size.half + reach) + 1);
         let corner = [0, 1].map(|axis| target[axis] - (size.half + size.reach[axis]) as i64);
-        to.copy_rectangle(corner, side, &mut self.window, stride);
+        let height = 2 * (size.half + size.reach[1]) + 1;
+        to.copy_rectangle(corner, [size.window_stride(), height], &mut self.window);
     }
 
     /// Fills the scores with the normalised cross-correlation at every offset; 0 where the window has too little contrast.
@@ -287,12 +287,14 @@ impl SearchSize {
         2 * self.half + 1
     }
 
+    /// Texels of a template's row with the zeros after it.
     fn template_stride(&self) -> usize {
         self.side().next_multiple_of(LANES)
     }
 
+    /// Texels of a window's row; those that are not searched meet zeros, or give scores that are not looked at.
     fn window_stride(&self) -> usize {
-        self.columns() + self.template_stride()
+        (self.columns() + self.template_stride()).next_multiple_of(LANES)
     }
 
     /// Columns of the scores: those of the search window and some that are not looked at.

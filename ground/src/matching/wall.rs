@@ -2,6 +2,7 @@
 
 use adit_geometry::camera::Camera;
 use adit_geometry::profile::Profile;
+use fixedbitset::FixedBitSet;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 /// Texels per side of a block; footprints are known by block, windows are whole blocks.
@@ -21,6 +22,8 @@ pub(super) struct WallGrid<'a> {
     pub(super) step_m: f64,
     pub(super) columns: i64,
     cos_max_incidence: f64,
+    /// Viewing directions, camera frame, of probes all over a photo, the first in its middle.
+    probes: Vec<Vector3<f64>>,
 }
 
 /// A point of the wall with its axes.
@@ -45,7 +48,12 @@ impl<'a> WallGrid<'a> {
         let blocks = (perimeter_m / grid_m / BLOCK as f64).round().max(1.0);
         let columns = blocks as i64 * BLOCK as i64;
         let step_m = perimeter_m / columns as f64;
-        Self { profile, camera, step_m, columns, cos_max_incidence: max_incidence_rad.cos() }
+        let place = |column: f64, row: f64| {
+            Vector2::new(column * f64::from(camera.width_px), row * f64::from(camera.height_px))
+        };
+        let places = spread(PROBES[1]).flat_map(|row| spread(PROBES[0]).map(move |column| place(column, row)));
+        let probes = places.filter_map(|pixel| camera.unproject(&pixel)).collect();
+        Self { profile, camera, step_m, columns, cos_max_incidence: max_incidence_rad.cos(), probes }
     }
 
     /// The wall at a place given in texels, fractions allowed.
@@ -87,7 +95,8 @@ pub(super) struct Footprint {
     pub(super) block0: [i64; 2],
     /// Blocks along s and along x.
     pub(super) size: [usize; 2],
-    pub(super) seen: Vec<bool>,
+    /// Row by row.
+    pub(super) seen: FixedBitSet,
     pub(super) count: usize,
     /// Mean distance of the wall that is seen, metres.
     pub(super) distance_m: f64,
@@ -103,7 +112,7 @@ impl Footprint {
         let around = grid.columns / BLOCK as i64;
         let size = [(end[0] - block0[0]).min(around) as usize, (end[1] - block0[1]) as usize];
         let centre = Point3::from(tunnel_from_cam.translation.vector);
-        let mut seen = vec![false; size[0] * size[1]];
+        let mut seen = FixedBitSet::with_capacity(size[0] * size[1]);
         let (mut count, mut distance_sum_m) = (0, 0.0);
         for i in 0..size[0] {
             let column = block_middle(block0[0] + i as i64);
@@ -116,7 +125,7 @@ impl Footprint {
                 let inside = grid.faces(&point, &centre)
                     && grid.pixel(tunnel_from_cam, column, row).is_some_and(|pixel| grid.camera.contains(&pixel, 0.0));
                 if inside {
-                    seen[j * size[0] + i] = true;
+                    seen.insert(j * size[0] + i);
                     count += 1;
                     distance_sum_m += (point.position - centre).norm();
                 }
@@ -151,9 +160,9 @@ impl Footprint {
 
     /// Tells whether a block of the window, or one beside it, is seen.
     pub(super) fn sees_around(&self, [column, row]: [usize; 2]) -> bool {
-        let rows = row.saturating_sub(1)..(row + 2).min(self.size[1]);
+        let mut rows = row.saturating_sub(1)..(row + 2).min(self.size[1]);
         let columns = column.saturating_sub(1)..(column + 2).min(self.size[0]);
-        rows.into_iter().any(|row| self.seen[row * self.size[0]..][columns.clone()].contains(&true))
+        rows.any(|row| columns.clone().any(|column| self.seen[row * self.size[0] + column]))
     }
 
     fn sees(&self, block: [i64; 2]) -> bool {
@@ -173,25 +182,17 @@ fn extent(grid: &WallGrid<'_>, tunnel_from_cam: &Isometry3<f64>) -> Option<([f64
     let perimeter_m = grid.profile.perimeter_m();
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut reference_s_m = None;
-    for probe_row in spread(PROBES[1]) {
-        for probe_column in spread(PROBES[0]) {
-            let pixel = Vector2::new(
-                probe_column * f64::from(grid.camera.width_px),
-                probe_row * f64::from(grid.camera.height_px),
-            );
-            let Some(ray_in_cam) = grid.camera.unproject(&pixel) else { continue };
-            let Some(hit) = wall_hit(grid.profile, tunnel_from_cam, &ray_in_cam) else { continue };
-            let (s_m, x_m, normal) = hit;
-            let surface = grid.profile.at(s_m)?;
-            let position = Point3::new(x_m, surface.point.x, surface.point.y);
-            if !grid.faces(&WallPoint { position, normal }, &centre) {
-                continue;
-            }
-            let reference = *reference_s_m.get_or_insert(s_m);
-            let unrolled = s_m - ((s_m - reference) / perimeter_m).round() * perimeter_m;
-            low = [low[0].min(unrolled), low[1].min(x_m)];
-            high = [high[0].max(unrolled), high[1].max(x_m)];
+    for ray_in_cam in &grid.probes {
+        let Some((s_m, x_m, normal)) = wall_hit(grid.profile, tunnel_from_cam, ray_in_cam) else { continue };
+        let surface = grid.profile.at(s_m)?;
+        let position = Point3::new(x_m, surface.point.x, surface.point.y);
+        if !grid.faces(&WallPoint { position, normal }, &centre) {
+            continue;
         }
+        let reference = *reference_s_m.get_or_insert(s_m);
+        let unrolled = s_m - ((s_m - reference) / perimeter_m).round() * perimeter_m;
+        low = [low[0].min(unrolled), low[1].min(x_m)];
+        high = [high[0].max(unrolled), high[1].max(x_m)];
     }
     (low[0] <= high[0]).then_some((low, high))
 }

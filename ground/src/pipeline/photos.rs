@@ -4,17 +4,48 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use fixedbitset::FixedBitSet;
+
 use crate::matching::{Photos, Pixels};
-use crate::raster::{Luma, Mask};
+use crate::raster::Luma;
 use crate::survey::{Size, Survey, decode_luma, load_mask};
 
-/// Room for decoded photos and masks, whatever the survey's length: saves a short one from decoding all of them in each round.
+/// Room for decoded photos, whatever the survey's length: saves a short one from decoding all of them in each round.
 const KEPT_BYTES: usize = 128 << 20;
 
-/// Decoded photos with their masks, the first ones that fit into [`KEPT_BYTES`].
+/// Decoded photos, the first ones that fit into [`KEPT_BYTES`].
 pub(super) struct KeptPhotos {
-    photos: Vec<OnceLock<Pixels<'static>>>,
+    photos: Vec<OnceLock<Kept>>,
     room_bytes: AtomicUsize,
+}
+
+struct Kept {
+    /// `None` once they have been given back.
+    pixels: Option<Pixels<'static>>,
+    hidden: Option<Hidden>,
+}
+
+/// Which pixels a photo's mask hides.
+pub(super) struct Hidden {
+    size: [usize; 2],
+    /// Row by row.
+    pixels: FixedBitSet,
+}
+
+impl Hidden {
+    /// Of a mask, or of a photo with its mask laid into it.
+    pub(super) fn new(levels: &Luma) -> Self {
+        let block = |levels: &[u8]| levels.iter().rev().fold(0, |bits, &level| bits << 1 | usize::from(level == 0));
+        let blocks = levels.data.chunks(usize::BITS as usize).map(block);
+        let pixels = FixedBitSet::with_capacity_and_blocks(levels.data.len(), blocks);
+        Self { size: [levels.width, levels.height], pixels }
+    }
+
+    /// Tells whether the pixel at a place, or the nearest to it, is hidden.
+    pub(super) fn contains(&self, place: [f32; 2]) -> bool {
+        let nearest = |axis: usize| (place[axis].max(0.0) as usize).min(self.size[axis].saturating_sub(1));
+        self.pixels.contains(nearest(1) * self.size[0] + nearest(0))
+    }
 }
 
 impl KeptPhotos {
@@ -25,35 +56,31 @@ impl KeptPhotos {
     }
 
     fn get(&self, index: usize) -> Option<Pixels<'_>> {
-        self.photos.get(index)?.get().map(borrowed)
+        self.photos.get(index)?.get()?.pixels.as_ref().map(Pixels::borrowed)
     }
 
-    /// Gives the photos' memory back once they have been matched; the masks stay.
-    pub(super) fn release_greys(&mut self) {
-        for pixels in self.photos.iter_mut().filter_map(OnceLock::get_mut) {
-            pixels.grey = Cow::Owned(Luma { width: 0, height: 0, data: Vec::new() });
+    /// Gives the photos' memory back once they have been matched; what masks hide is still known.
+    pub(super) fn release(&mut self) {
+        for kept in self.photos.iter_mut().filter_map(OnceLock::get_mut) {
+            kept.pixels = None;
         }
     }
 
-    /// A photo's mask, if it has one that is kept.
-    pub(super) fn mask(&self, index: usize) -> Option<&Mask> {
-        self.photos.get(index)?.get()?.mask.as_deref()
+    /// What the mask of a kept photo hides, if it has one.
+    pub(super) fn hidden(&self, index: usize) -> Option<&Hidden> {
+        self.photos.get(index)?.get()?.hidden.as_ref()
     }
 
     /// Keeps a photo if it fits, and hands it back.
-    fn keep(&self, index: usize, pixels: Pixels<'static>) -> Pixels<'_> {
-        let bytes = pixels.grey.data.len() + pixels.mask.as_ref().map_or(0, |mask| mask.data.len());
-        let take = |room: usize| room.checked_sub(bytes);
-        let fits = self.room_bytes.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_ok();
-        match self.photos.get(index).filter(|_| fits) {
-            Some(slot) => borrowed(slot.get_or_init(|| pixels)),
-            None => pixels,
+    fn keep(&self, index: usize, pixels: Pixels<'static>) -> Option<Pixels<'_>> {
+        let take = |room: usize| room.checked_sub(pixels.grey().data.len());
+        if self.room_bytes.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_err() {
+            return Some(pixels);
         }
+        let hidden = pixels.is_masked().then(|| Hidden::new(pixels.grey()));
+        let kept = self.photos.get(index)?.get_or_init(|| Kept { pixels: Some(pixels), hidden });
+        kept.pixels.as_ref().map(Pixels::borrowed)
     }
-}
-
-fn borrowed<'a>(pixels: &'a Pixels<'static>) -> Pixels<'a> {
-    Pixels { grey: Cow::Borrowed(&*pixels.grey), mask: pixels.mask.as_deref().map(Cow::Borrowed) }
 }
 
 /// The survey's photos in a round; those that fail are left out of the matching and named by [`Self::faults`].
@@ -92,9 +119,13 @@ impl Photos for SurveyPhotos<'_> {
         let photo = self.survey.photos.get(index)?;
         let size = size_of(self.survey);
         let grey = decode_luma(&photo.path, size).map_err(|error| self.fault(index, &error)).ok()?;
-        let mask = if self.use_masks { photo_mask(self.survey, index) } else { Ok(None) };
+        let mask = photo.mask.as_ref().filter(|_| self.use_masks).map(|path| load_mask(path, size)).transpose();
         let mask = mask.map_err(|error| self.fault(index, &error)).ok()?;
-        Some(self.kept.keep(index, Pixels { grey: Cow::Owned(grey), mask: mask.map(Cow::Owned) }))
+        let pixels = match mask {
+            Some(mask) => Pixels::with_mask(grey, &mask)?,
+            None => Pixels::new(Cow::Owned(grey)),
+        };
+        self.kept.keep(index, pixels)
     }
 }
 
@@ -104,18 +135,10 @@ pub(super) fn size_of(survey: &Survey) -> Size {
     Size { width_px: camera.width_px, height_px: camera.height_px }
 }
 
-/// A photo's mask, if it has one.
-///
-/// # Errors
-/// If the mask cannot be read or has another size.
-fn photo_mask(survey: &Survey, index: usize) -> Result<Option<Mask>, crate::survey::MaskError> {
-    let Some(path) = survey.photos.get(index).and_then(|photo| photo.mask.as_ref()) else { return Ok(None) };
-    load_mask(path, size_of(survey)).map(Some)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::raster::Mask;
 
     fn kept(photos: usize, room_bytes: usize) -> KeptPhotos {
         let photos = std::iter::repeat_with(OnceLock::new).take(photos).collect();
@@ -127,10 +150,25 @@ mod tests {
         let kept = kept(3, 2 * 10 * 10 + 50);
         for index in 0..3 {
             let grey = Luma { width: 10, height: 10, data: vec![index as u8; 100] };
-            let pixels = kept.keep(index, Pixels { grey: Cow::Owned(grey), mask: None });
-            assert_eq!(pixels.grey.data[99], index as u8);
+            let pixels = kept.keep(index, Pixels::new(Cow::Owned(grey))).unwrap();
+            assert_eq!(pixels.grey().data[99], index as u8);
         }
-        assert_eq!(kept.get(1).map(|pixels| pixels.grey.data[0]), Some(1));
+        assert_eq!(kept.get(1).map(|pixels| pixels.grey().data[0]), Some(1));
         assert!(kept.get(0).is_some() && kept.get(2).is_none());
+    }
+
+    #[test]
+    fn what_a_mask_hides_is_known_after_the_pixels_were_given_back() {
+        let mut kept = kept(1, 1000);
+        let mut mask = Mask { width: 11, height: 7, data: vec![255; 77] };
+        mask.set(10, 6, [0]);
+        mask.set(3, 0, [0]);
+        let grey = Luma { width: 11, height: 7, data: vec![0; 77] };
+        kept.keep(0, Pixels::with_mask(grey, &mask).unwrap()).unwrap();
+        kept.release();
+        assert!(kept.get(0).is_none());
+        let hidden = kept.hidden(0).expect("a mask");
+        assert!(hidden.contains([10.5, 6.5]) && hidden.contains([3.9, -2.0]) && hidden.contains([20.0, 8.0]));
+        assert!(!hidden.contains([9.9, 6.5]) && !hidden.contains([4.0, 0.0]));
     }
 }

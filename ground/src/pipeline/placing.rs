@@ -95,8 +95,9 @@ impl<'a> Placing<'a> {
         let config = self.solver.wide();
         let views = self.views.clone();
         let round = self.round(&views, &|photo| photo, &config, &|_| true, progress);
-        self.unusable.clone_from(&round.unusable);
-        self.take(round, &|photo| photo, |_| true);
+        self.unusable = round.unusable;
+        self.pairs = round.pairs.into_iter().map(|pair| ([pair.first, pair.second], pair)).collect();
+        self.tracks = round.tracks;
         if self.pairs.values().any(|pair| pair.too_uncertain) {
             self.line_up();
         }

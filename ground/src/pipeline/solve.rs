@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::groups::registered;
-use super::photos::{KeptPhotos, SurveyPhotos, size_of};
+use super::photos::{Hidden, KeptPhotos, SurveyPhotos, size_of};
 use super::placing::Placing;
 use super::progress::StageProgress;
 use super::stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary};
@@ -26,7 +26,6 @@ use crate::adjust::{
 use crate::matching::{MatchConfig, MatchRound, Photos, Pixels, ViewPose, match_round};
 use crate::poses::{PhotoPose, PoseStatus, Reconstruction};
 use crate::prior::{PriorModel, SizeEstimate, TagPrior, estimate_size, prior_views, tag_priors};
-use crate::raster::Mask;
 use crate::survey::{Loss, Photo, Survey, load_mask};
 use crate::untagged::{Matcher, PlacedPhoto, Untagged, survey_poses};
 
@@ -126,7 +125,7 @@ impl<'a> Solver<'a> {
     #[must_use]
     pub fn without_photos(mut self) -> Self {
         if let Some(kept) = Arc::get_mut(&mut self.photos) {
-            kept.release_greys();
+            kept.release();
         }
         self
     }
@@ -430,17 +429,17 @@ impl<'a> Solver<'a> {
         let mut by_photo: Vec<u32> = (0..seen.len() as u32).collect();
         by_photo.sort_by_key(|&index| seen[index as usize].photo);
         let mut masked = vec![false; seen.len()];
-        let mut held: Option<(PathBuf, Mask)> = None;
+        let mut held: Option<(PathBuf, Hidden)> = None;
         for group in by_photo.chunk_by(|&a, &b| seen[a as usize].photo == seen[b as usize].photo) {
             let photo = seen[group[0] as usize].photo as usize;
             let Some(path) = &self.survey.photos[photo].mask else { continue };
-            let kept = self.photos.mask(photo);
+            let kept = self.photos.hidden(photo);
             if kept.is_none() && held.as_ref().is_none_or(|(known, _)| known != path) {
-                held = Some((path.clone(), load_mask(path, size_of(self.survey))?));
+                held = Some((path.clone(), Hidden::new(&load_mask(path, size_of(self.survey))?)));
             }
-            let Some(mask) = kept.or(held.as_ref().map(|(_, mask)| mask)) else { continue };
+            let Some(hidden) = kept.or(held.as_ref().map(|(_, hidden)| hidden)) else { continue };
             for &index in group {
-                masked[index as usize] = hides(mask, seen[index as usize].pixel);
+                masked[index as usize] = hidden.contains(seen[index as usize].pixel);
             }
         }
         Ok(masked)
@@ -540,12 +539,6 @@ fn unevenness_m(tracks: &Tracks, profile: &Profile<f64>, size: f64) -> f64 {
     let off_m: Vec<f64> = tracks.positions().iter().filter_map(off_m).collect();
     // The median size of a normal deviate is 0.67 standard deviations.
     median(&off_m) * 1.4826 * POINTS_PER_UNEVENNESS.sqrt()
-}
-
-fn hides(mask: &Mask, [x, y]: [f32; 2]) -> bool {
-    let column = (x.max(0.0) as usize).min(mask.width.saturating_sub(1));
-    let row = (y.max(0.0) as usize).min(mask.height.saturating_sub(1));
-    mask.at(column, row)[0] == 0
 }
 
 fn with_free_camera(sigmas: SharedSigmas, camera: &Camera<f64>) -> SharedSigmas {

@@ -5,6 +5,7 @@
 
 use adit_geometry::profile::Profile;
 use nalgebra::Vector2;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{TagPrior, section_position};
@@ -40,16 +41,23 @@ pub fn estimate_size(tags: &[TagPrior], profile: &Profile<f64>, range_m: f64) ->
     if usable.len() < 5 {
         return None;
     }
-    let cost = |factor: f64| -> f64 { usable.iter().map(|tag| cost_at(tag, profile, range_m, factor)).sum() };
+    let cost = |factor: f64| -> f64 {
+        let costs: Vec<f64> = usable.par_iter().map(|tag| cost_at(tag, profile, range_m, factor)).collect();
+        costs.iter().sum()
+    };
     // Golden-section search: the cost is smooth and, within a tenth, has one minimum.
     let golden = 0.618_033_988_749_895;
     let (mut low, mut high) = (1.0 - SEARCH, 1.0 + SEARCH);
-    while high - low > 1e-6 {
-        let (inner_low, inner_high) = (high - golden * (high - low), low + golden * (high - low));
-        if cost(inner_low) < cost(inner_high) {
+    let inner = |low: f64, high: f64| [high - golden * (high - low), low + golden * (high - low)];
+    let mut costs = inner(low, high).map(cost);
+    while high - low > 1e-5 {
+        let [inner_low, inner_high] = inner(low, high);
+        if costs[0] < costs[1] {
             high = inner_high;
+            costs = [cost(inner(low, high)[0]), costs[0]];
         } else {
             low = inner_low;
+            costs = [costs[1], cost(inner(low, high)[1])];
         }
     }
     let factor = 0.5 * (low + high);

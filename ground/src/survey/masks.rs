@@ -29,8 +29,11 @@ pub fn load_mask(path: &Path, expected: Size) -> Result<Mask, MaskError> {
     };
     let shown = |shown: bool| if shown { 255 } else { 0 };
     let data = if channels == 1 {
-        // Almost every mask; a loop of its own because it becomes vectors.
-        samples.iter().map(|&sample| shown(sample > 0)).collect()
+        // Almost every mask.
+        for sample in &mut samples {
+            *sample = shown(*sample > 0);
+        }
+        samples
     } else {
         samples.chunks_exact(channels).map(|pixel| shown(pixel[..colours].iter().any(|&sample| sample > 0))).collect()
     };

@@ -75,13 +75,13 @@ fn pixels(folder: &Path, photo: &str) -> Pixels<'static> {
     let data = decoder.decode().expect("a JPEG");
     let (width, height) = decoder.dimensions().expect("a size");
     let grey = Luma { width, height, data };
-    let mask = fs::File::open(folder.join("masks").join(format!("{photo}.png"))).ok().map(|file| {
-        let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().expect("a PNG");
-        let mut data = vec![0; reader.output_buffer_size().expect("a size")];
-        reader.next_frame(&mut data).expect("a PNG");
-        Cow::Owned(Mask { width, height, data })
-    });
-    Pixels { grey: Cow::Owned(grey), mask }
+    let Ok(file) = fs::File::open(folder.join("masks").join(format!("{photo}.png"))) else {
+        return Pixels::new(Cow::Owned(grey));
+    };
+    let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().expect("a PNG");
+    let mut data = vec![0; reader.output_buffer_size().expect("a size")];
+    reader.next_frame(&mut data).expect("a PNG");
+    Pixels::with_mask(grey, &Mask { width, height, data }).expect("a mask of the photo's size")
 }
 
 impl Sample {

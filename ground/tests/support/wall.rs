@@ -91,7 +91,7 @@ impl Wall {
             (light * self.reflectance(&self.hit(pose, pixel)) + noise).round().clamp(0.0, 255.0) as u8
         };
         let data = (0..width * height).into_par_iter().map(shade).collect();
-        Pixels { grey: Cow::Owned(Luma { width, height, data }), mask: None }
+        Pixels::new(Cow::Owned(Luma { width, height, data }))
     }
 
     fn reflectance(self, point: &Point3<f64>) -> f64 {

@@ -1,9 +1,15 @@
 //! The Cholesky factor of an [`Envelope`], solutions, and those entries of the inverse that lie in the envelope.
 
+use std::ops::Range;
+
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
 
 use super::envelope::{Block, Envelope, TILE};
+
+/// Blocks of rows whose products with all earlier blocks are worked out side by side.
+const PANEL: usize = 8;
 
 /// The matrix was not positive definite.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -25,7 +31,15 @@ impl Factor {
     /// # Errors
     /// [`NotPositiveDefinite`] names the failing pivot.
     pub(crate) fn new(mut matrix: Envelope) -> Result<Self, NotPositiveDefinite> {
-        Arch::new().dispatch(FactorAll(&mut matrix))?;
+        let count = matrix.blocks().len();
+        for start in (0..count).step_by(PANEL) {
+            let panel = start..(start + PANEL).min(count);
+            let (blocks, done, own) = matrix.split_run(panel.clone());
+            own.into_par_iter().zip(panel.clone()).for_each(|(own, index)| {
+                Arch::new().dispatch(Ahead { block: &blocks[index], own, before: &blocks[..start], done });
+            });
+            Arch::new().dispatch(Within { matrix: &mut matrix, panel })?;
+        }
         Ok(Self(matrix))
     }
 
@@ -138,18 +152,43 @@ impl Factor {
     }
 }
 
-struct FactorAll<'a>(&'a mut Envelope);
+/// Solves for the rows of a block over the blocks before it of which the rows are done.
+struct Ahead<'a> {
+    block: &'a Block,
+    own: &'a mut [f64],
+    before: &'a [Block],
+    done: &'a [f64],
+}
 
-impl WithSimd for FactorAll<'_> {
+impl WithSimd for Ahead<'_> {
+    type Output = ();
+
+    #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        for before in self.before.get(self.block.first..).unwrap_or_default() {
+            subtract_products(simd, self.block, self.own, before, self.done);
+            solve_right(self.block, self.own, before, self.done);
+        }
+    }
+}
+
+/// Factors the rest of a panel, of which the blocks ahead of it are worked out.
+struct Within<'a> {
+    matrix: &'a mut Envelope,
+    panel: Range<usize>,
+}
+
+impl WithSimd for Within<'_> {
     type Output = Result<(), NotPositiveDefinite>;
 
     #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        for index in 0..self.0.blocks().len() {
-            let (blocks, done, own) = self.0.split_at(index);
+        for index in self.panel.clone() {
+            let (blocks, done, own) = self.matrix.split_at(index);
             let block = blocks[index];
-            for before in &blocks[block.first..index] {
+            for before in &blocks[block.first.max(self.panel.start)..index] {
                 subtract_products(simd, &block, own, before, done);
                 solve_right(&block, own, before, done);
             }
@@ -185,17 +224,18 @@ fn subtract_products<S: Simd>(simd: S, block: &Block, own: &mut [f64], before: &
     }
 }
 
-/// Solves `X L^T = A` for the columns of `before`, in place.
+/// Solves `X L^T = A` for the columns of `before`, in place; the rows of `block` side by side, since each waits for itself only.
 fn solve_right(block: &Block, own: &mut [f64], before: &Block, done: &[f64]) {
     let start = block.at(0, block.column());
-    for a in 0..block.height {
-        let row = block.at(a, before.row) - start;
-        let row = &mut own[row..row + before.height];
-        for b in 0..before.height {
-            let other = before.at(b, before.row);
-            let other = &done[other..=other + b];
+    for b in 0..before.height {
+        let other = before.at(b, before.row);
+        let other = &done[other..=other + b];
+        let reciprocal = 1.0 / other[b];
+        for a in 0..block.height {
+            let row = block.at(a, before.row) - start;
+            let row = &mut own[row..=row + b];
             let sum: f64 = row[..b].iter().zip(other).map(|(x, l)| x * l).sum();
-            row[b] = (row[b] - sum) / other[b];
+            row[b] = (row[b] - sum) * reciprocal;
         }
     }
 }

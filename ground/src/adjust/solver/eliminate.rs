@@ -20,6 +20,8 @@ const WAVE: usize = 16;
 pub(super) struct System {
     chunks: Vec<Chunk>,
     matrix: Option<Envelope>,
+    /// Of the chunks of a wave: memory fresh from the system costs more than most of the work.
+    sums: Vec<Sums>,
 }
 
 /// Points that are summed up together, and the cameras that see them.
@@ -55,8 +57,10 @@ impl System {
     pub(super) fn new(layout: &Layout, tracks: &Tracks) -> Self {
         let size = (tracks.len() / 32).clamp(128, 1024);
         let starts = (0..tracks.len()).step_by(size);
-        let chunks = starts.map(|start| Chunk::new(start..(start + size).min(tracks.len()), layout, tracks)).collect();
-        Self { chunks, matrix: Some(Envelope::new(layout.shape())) }
+        let chunks: Vec<_> =
+            starts.map(|start| Chunk::new(start..(start + size).min(tracks.len()), layout, tracks)).collect();
+        let sums = std::iter::repeat_with(Sums::default).take(chunks.len().min(WAVE)).collect();
+        Self { chunks, matrix: Some(Envelope::new(layout.shape())), sums }
     }
 
     /// Takes the storage of a solved matrix back.
@@ -80,11 +84,10 @@ impl System {
         let mut equations = Equations { matrix, gradient, reduced_gradient, diagonal, cost: 0.0 };
         let shared = model.point_shared().map(|index| index.map(|index| layout.shared(index)));
         for wave in self.chunks.chunks(WAVE) {
-            let sums: Vec<Sums> = wave
-                .par_iter()
-                .map(|chunk| Arch::new().dispatch(EliminateChunk { chunk, model, layout, weighting, state, lambda }))
-                .collect();
-            for (chunk, sums) in wave.iter().zip(&sums) {
+            wave.par_iter().zip(&mut self.sums).for_each(|(chunk, sums)| {
+                Arch::new().dispatch(EliminateChunk { chunk, model, layout, weighting, state, lambda, sums });
+            });
+            for (chunk, sums) in wave.iter().zip(&self.sums) {
                 sums.add_to(&mut equations, chunk.low, &shared, C);
             }
         }
@@ -118,6 +121,7 @@ impl Chunk {
 }
 
 /// The sums of one chunk: its cameras, then the `K` shared unknowns.
+#[derive(Default)]
 struct Sums {
     matrix: Envelope,
     gradient: Vec<f64>,
@@ -127,11 +131,15 @@ struct Sums {
 }
 
 impl Sums {
-    fn new(chunk: &Chunk, per_camera: usize, shared: usize) -> Self {
+    /// Makes them the zero sums of a chunk.
+    fn reset(&mut self, chunk: &Chunk, per_camera: usize, shared: usize) {
         let cameras = chunk.first.iter().map(|&first| (per_camera, first as usize));
-        let matrix = Envelope::new(cameras.chain((shared > 0).then(|| (padded(shared), 0))));
-        let [gradient, reduction, diagonal] = [(); 3].map(|()| vec![0.0; matrix.size()]);
-        Self { matrix, gradient, reduction, diagonal, cost: 0.0 }
+        self.matrix.reset(cameras.chain((shared > 0).then(|| (padded(shared), 0))));
+        for sums in [&mut self.gradient, &mut self.reduction, &mut self.diagonal] {
+            sums.clear();
+            sums.resize(self.matrix.size(), 0.0);
+        }
+        self.cost = 0.0;
     }
 
     /// Adds to the whole, whose rows of the shared unknowns are given.
@@ -197,31 +205,32 @@ struct EliminateChunk<'a, M: Model<C, K>, const C: usize, const K: usize> {
     weighting: &'a Weighting,
     state: &'a State<M::Estimate>,
     lambda: f64,
+    sums: &'a mut Sums,
 }
 
 impl<M: Model<C, K>, const C: usize, const K: usize> WithSimd for EliminateChunk<'_, M, C, K> {
-    type Output = Sums;
+    type Output = ();
 
     #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Sums {
-        let mut sums = Sums::new(self.chunk, C, K);
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        self.sums.reset(self.chunk, C, K);
         let mut shares: Vec<Share<C>> = Vec::new();
         for &point in &self.layout.points()[self.chunk.points.clone()] {
-            self.eliminate_point(simd, point as usize, &mut shares, &mut sums);
+            self.eliminate_point(simd, point as usize, &mut shares);
         }
-        sums
     }
 }
 
 impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K> {
     #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
     #[inline(always)]
-    fn eliminate_point<S: Simd>(&self, simd: S, point: usize, shares: &mut Vec<Share<C>>, sums: &mut Sums) {
+    fn eliminate_point<S: Simd>(&mut self, simd: S, point: usize, shares: &mut Vec<Share<C>>) {
+        let sums = &mut *self.sums;
         let (estimate, position) = (&self.state.estimate, &self.state.points[point]);
         let mut own = PointSums::ZERO;
         let mut shared: Share<K> = Share::new(self.chunk.first.len());
-        shares.clear();
+        let mut sighted = 0;
         for seen in self.model.tracks().of(point) {
             let Some(mut sight) = self.model.sight(estimate, position, seen) else {
                 sums.cost += self.weighting.cost(None);
@@ -229,8 +238,15 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
             };
             sums.cost += self.weighting.whiten(&mut sight);
             let block = self.layout.position(seen.photo as usize) - self.chunk.low;
-            shares.push(linearised(simd, block, &sight, &mut own, &mut shared, sums));
+            if sighted == shares.len() {
+                shares.push(Share::new(0));
+            }
+            let share = &mut shares[sighted];
+            share.block = block;
+            linearise(simd, &sight, &mut own, (share, &mut shared), sums);
+            sighted += 1;
         }
+        let shares = &mut shares[..sighted];
         if let Some(prior) = self.model.point_prior(estimate, position) {
             sums.cost += 0.5 * prior.residual * prior.residual;
             own.own += prior.by_point.transpose() * prior.by_point;
@@ -251,7 +267,6 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
         }
         let inverse = own.inverse(self.lambda);
         let pull = inverse * own.gradient;
-        shares.sort_unstable_by_key(|share| share.block);
         for share in shares.iter_mut() {
             reduce(share, &inverse);
         }
@@ -262,8 +277,9 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
             update(simd, target, stride, &share.by_unknown, &share.slopes, C);
             update(simd, target, stride, &share.reduced, &share.coupling, C);
             for other in &shares[..index] {
-                let (target, stride) = sums.matrix.corner_mut(share.block, other.block * C);
-                update(simd, target, stride, &share.reduced, &other.coupling, C);
+                let (row, column) = if share.block < other.block { (other, share) } else { (share, other) };
+                let (target, stride) = sums.matrix.corner_mut(row.block, column.block * C);
+                update(simd, target, stride, &row.reduced, &column.coupling, C);
                 if other.block == share.block {
                     // A camera that sees the point twice: the other half of the square.
                     update(simd, target, stride, &other.reduced, &share.coupling, C);
@@ -285,21 +301,20 @@ impl<M: Model<C, K>, const C: usize, const K: usize> EliminateChunk<'_, M, C, K>
     }
 }
 
-/// Adds one whitened observation to the sums, and returns its camera's share of the point.
+/// Adds one whitened observation to the sums; makes `share` its camera's share of the point, and adds to `shared`'s.
 #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
 #[inline(always)]
-fn linearised<S: Simd, const C: usize, const K: usize>(
+fn linearise<S: Simd, const C: usize, const K: usize>(
     simd: S,
-    block: usize,
     sight: &Sight<C, K>,
     own: &mut PointSums,
-    shared: &mut Share<K>,
+    (share, shared): (&mut Share<C>, &mut Share<K>),
     sums: &mut Sums,
-) -> Share<C> {
+) {
     let Sight { residual, by_point, .. } = sight;
     own.own += by_point.transpose() * by_point;
     own.gradient += by_point.transpose() * residual;
-    let mut share = Share::new(block);
+    let block = share.block;
     for a in 0..C {
         let slopes = [sight.by_camera[(0, a)], sight.by_camera[(1, a)]];
         (share.slopes[0][a], share.slopes[1][a]) = (slopes[0], slopes[1]);
@@ -329,7 +344,6 @@ fn linearised<S: Simd, const C: usize, const K: usize>(
         let (target, stride) = sums.matrix.corner_mut(shared.block, block * C);
         update(simd, target, stride, &by_unknown, &share.slopes, C);
     }
-    share
 }
 
 /// Adds what is said about cameras and shared unknowns alone.
@@ -341,23 +355,25 @@ fn add_priors<M: Model<C, K>, const C: usize, const K: usize>(
     equations: &mut Equations,
 ) {
     let Equations { matrix, gradient, diagonal, cost: total, .. } = equations;
-    let mut known = (Loss::Squared, 1.0);
+    // Of the few losses that there are.
+    let mut known = vec![(Loss::Squared, 1.0)];
     model.priors(estimate, layout, &mut |row| {
         let (cost, mut weight) = row.loss.at(row.residual * row.residual);
         if information {
-            if known.0 != row.loss {
-                known = (row.loss, row.loss.information(1));
+            if known.iter().all(|(loss, _)| *loss != row.loss) {
+                known.push((row.loss, row.loss.information(1)));
             }
-            weight = if row.loss.believes(row.residual * row.residual) { known.1 } else { 0.0 };
+            let believed =
+                known.iter().find(|(loss, _)| *loss == row.loss).map_or(0.0, |(_, information)| *information);
+            weight = if row.loss.believes(row.residual * row.residual) { believed } else { 0.0 };
         }
         *total += cost;
         for &(index, a) in row.slopes {
             gradient[index] += a * row.residual * weight;
             diagonal[index] += a * a * weight;
-            for &(column, b) in row.slopes {
-                if column <= index {
-                    matrix.add(index, column, a * b * weight);
-                }
+            let (block, offset) = matrix.locate(index);
+            for &(column, b) in row.slopes.iter().filter(|(column, _)| *column <= index) {
+                matrix.part_mut(block, offset, column..column + 1)[0] += a * b * weight;
             }
         }
     });

@@ -16,7 +16,7 @@ pub(super) const TILE: usize = 3;
 pub(super) const SLACK: usize = 16;
 
 /// Lower triangle, block by block, each row from its block's first column to the end of its block.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Envelope {
     blocks: Vec<Block>,
     values: Vec<f64>,
@@ -56,7 +56,15 @@ impl Block {
 impl Envelope {
     /// A zero matrix of blocks `(height, first stored block)`.
     pub(crate) fn new(shape: impl IntoIterator<Item = (usize, usize)>) -> Self {
-        let mut blocks: Vec<Block> = Vec::new();
+        let mut envelope = Self::default();
+        envelope.reset(shape);
+        envelope
+    }
+
+    /// Makes it [`Self::new`] of a shape, in the memory that there is.
+    pub(super) fn reset(&mut self, shape: impl IntoIterator<Item = (usize, usize)>) {
+        let Self { blocks, values } = self;
+        blocks.clear();
         let (mut row, mut start) = (0, 0);
         for (height, first) in shape {
             debug_assert!(height % TILE == 0 && first <= blocks.len(), "block of {height} rows from block {first}");
@@ -66,7 +74,8 @@ impl Envelope {
             start += height * block.width();
             blocks.push(block);
         }
-        Self { blocks, values: vec![0.0; start + SLACK] }
+        values.clear();
+        values.resize(start + SLACK, 0.0);
     }
 
     pub(super) fn size(&self) -> usize {
@@ -110,6 +119,18 @@ impl Envelope {
     pub(super) fn split_at(&mut self, block: usize) -> (&[Block], &[f64], &mut [f64]) {
         let (done, rest) = self.values.split_at_mut(self.blocks[block].start);
         (&self.blocks, done, rest)
+    }
+
+    /// Splits the values before a run of blocks from each block's own.
+    pub(super) fn split_run(&mut self, run: Range<usize>) -> (&[Block], &[f64], Vec<&mut [f64]>) {
+        let (done, mut rest) = self.values.split_at_mut(self.blocks[run.start].start);
+        let own = self.blocks[run].iter().map(|block| {
+            let (own, after) = std::mem::take(&mut rest).split_at_mut(block.height * block.width());
+            rest = after;
+            own
+        });
+        let own = own.collect();
+        (&self.blocks, done, own)
     }
 
     /// The block that holds a row, and the row's offset in it.

@@ -34,6 +34,8 @@ const LAMBDA_MIN: f64 = 1e-9;
 /// Relative decrease of the cost from which on the minimum is near: there iterations with the weights alone creep along what
 /// only doubtful sightings hold.
 const NEAR: f64 = 1e-2;
+/// Where the loss's curvature fails, the minimum is so many times nearer before it is tried again.
+const NEARER: f64 = 0.1;
 /// Curvature along a residual, as a share of its weight, that is assumed where the loss has less.
 const LEAST_STEEPNESS: f64 = 0.1;
 /// A predicted decrease of so many times the smallest that counts is none if the step then raises the cost: where a wall's faces
@@ -227,8 +229,7 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
         let ended = |outcome, iterations, cost| Ok(Minimised { outcome, iterations, cost });
         let mut cost = f64::INFINITY;
         let mut weighting = *weighting;
-        // Until it fails once.
-        let mut trusts_curvature = true;
+        let mut near = NEAR;
         for iteration in 1..=limits.iterations {
             let equations = self.system.eliminate(self.model, &self.layout, &weighting, state, lambda);
             cost = equations.cost;
@@ -241,14 +242,15 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
                 *state = moved.state;
                 lambda = (lambda * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(LAMBDA_MIN);
                 growth = 2.0;
-                weighting.curved = trusts_curvature && decrease <= NEAR * cost;
+                weighting.curved = decrease <= near * cost;
                 if decrease <= limits.decrease * cost {
                     return ended(super::Outcome::Converged, iteration, moved.cost);
                 }
                 cost = moved.cost;
             } else if weighting.curved {
                 // The same again with the weights.
-                (weighting.curved, trusts_curvature) = (false, false);
+                weighting.curved = false;
+                near *= NEARER;
             } else if moved.predicted <= KINKS * limits.decrease * cost {
                 return ended(super::Outcome::Converged, iteration, cost);
             } else {
