@@ -70,7 +70,7 @@ impl Grid {
     }
 
     /// With columns and rows in the sense of a board seen from its front.
-    fn from_front(self) -> Self {
+    fn seen_from_front(self) -> Self {
         let way = |step: Cell| {
             let ways = self.corners.iter().filter_map(|(cell, at)| Some(self.corners.get(&add(*cell, step))? - at));
             ways.sum::<Vector2<f64>>()
@@ -110,7 +110,7 @@ pub(super) fn largest_grid(field: &Field, saddles: &[Saddle], board: &Board) -> 
             best = grid;
         }
     }
-    best.from_front()
+    best.seen_from_front()
 }
 
 struct Grower<'a> {
