@@ -36,7 +36,7 @@ enum Verb {
     Fly(FlyArguments),
     /// Make a survey folder with its truth from a scripted way through a tunnel, to test the ground side with.
     Survey(SurveyArguments),
-    /// Make photos of a chessboard or ChArUco board by a camera that is known exactly, to test `adit calibrate` with.
+    /// Make photos of a chessboard, with markers or without, by a camera that is known exactly, to test `adit calibrate` with.
     Board(BoardArguments),
 }
 
@@ -112,7 +112,7 @@ struct BoardArguments {
     /// The lens's model.
     #[arg(long, value_enum, default_value_t = LensModel::BrownConrady)]
     model: LensModel,
-    /// Markers in the white squares: a ChArUco board of this dictionary (4x4, 5x5 or 6x6, or OpenCV's name).
+    /// Markers in the white squares, of this dictionary: 4x4, 5x5 or 6x6.
     #[arg(long, value_name = "DICTIONARY", value_parser = dictionary)]
     charuco: Option<Dictionary>,
     /// Least share of a board's corners that is in view.

@@ -9,7 +9,7 @@ use clap::Args;
 
 use super::{Answer, Common, positive, print};
 
-/// Calibrate a camera from photos of a chessboard or `ChArUco` board: focal lengths, principal point, distortion.
+/// Calibrate a camera from photos of a chessboard, with markers or without: focal lengths, principal point, distortion.
 ///
 /// Finds the board's inner corners in every JPEG below PHOTOS, fits the camera model asked for (and the other one, for
 /// comparison), and prints the camera table for survey.toml and mission.toml, with the standard deviation of every number:
@@ -25,8 +25,8 @@ pub(super) struct Arguments {
     /// The folder of photos, all from one camera in one mode
     #[arg(value_name = "PHOTOS")]
     photos: PathBuf,
-    /// Inner corners in a row and in a column (one fewer than squares), as 8x6; with markers in the white squares also their
-    /// dictionary (4x4, 5x5, 6x6, or OpenCV's name), as charuco:8x6:4x4: of such a board any part may be in view
+    /// Inner corners in a row and in a column (one fewer than squares), as 8x6; with markers in the white squares as
+    /// charuco:8x6:4x4 (or 5x5, 6x6, `DICT_4X4_50`): of such a board any part may be in view
     #[arg(long, value_name = "BOARD", value_parser = board)]
     board: Board,
     /// Edge of a square; distances depend on it, the camera does not
