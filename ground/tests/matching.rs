@@ -165,7 +165,7 @@ fn a_photo_of_the_wrong_size_is_named_and_the_others_are_matched() {
     let mut sample = photographed(Wall { paint: Paint::Grained, relief_m: 0.0 }, 5);
     let mut smaller = sample.photos[2].grey().clone();
     smaller.height -= 1;
-    sample.photos[2] = Pixels::new(Cow::Owned(smaller));
+    sample.photos[2] = Pixels::new(smaller);
     let config = MatchConfig::fine(MatchConfig::native_m(&sample.profile, &sample.camera));
     let (round, _) = run(&sample, &config, 0.002, 0.05);
     assert_eq!(round.unusable, [2]);

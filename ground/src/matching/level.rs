@@ -78,8 +78,15 @@ impl<'a> Level<'a> {
         self.grid.columns / BLOCK as i64
     }
 
-    pub(super) fn patch(&self, photo: usize, footprint: &Footprint, pixels: &Pixels<'_>, bench: &mut Bench) -> Patch {
-        Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, pixels, &self.config, bench)
+    pub(super) fn patch(
+        &self,
+        photo: usize,
+        footprint: &Footprint,
+        pixels: &Pixels,
+        bench: &mut Bench,
+        memory: Vec<i8>,
+    ) -> Patch {
+        Patch::new(&self.grid, &self.poses[photo].tunnel_from_cam, footprint, pixels, &self.config, bench, memory)
     }
 
     /// Half-width and half-height of the window that the uncertainty of the displacement between the two photos asks for.

@@ -65,7 +65,7 @@ mod search;
 mod texels;
 mod wall;
 
-use std::borrow::Cow;
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
 
@@ -96,17 +96,17 @@ impl ViewPose {
     }
 }
 
-/// A decoded photo, with what its mask hides.
+/// A decoded photo, with what its mask hides; a copy shares its pixels.
 #[derive(Clone, Debug)]
-pub struct Pixels<'a> {
-    grey: Cow<'a, Luma>,
+pub struct Pixels {
+    grey: Arc<Luma>,
     masked: bool,
 }
 
-impl<'a> Pixels<'a> {
+impl Pixels {
     /// Grey values 0 to 255 of a photo of the camera's size, all of them shown.
-    pub fn new(grey: Cow<'a, Luma>) -> Self {
-        Self { grey, masked: false }
+    pub fn new(grey: Luma) -> Self {
+        Self { grey: Arc::new(grey), masked: false }
     }
 
     /// The same with a mask (of the photo's size, else `None`), which is laid into it: grey value 0 is what it hides, black
@@ -118,12 +118,7 @@ impl<'a> Pixels<'a> {
         for (grey, &mask) in grey.data.iter_mut().zip(&mask.data) {
             *grey = if mask < 128 { 0 } else { (*grey).max(1) };
         }
-        Some(Self { grey: Cow::Owned(grey), masked: true })
-    }
-
-    /// A view of the same pixels.
-    pub fn borrowed(&self) -> Pixels<'_> {
-        Pixels { grey: Cow::Borrowed(&*self.grey), masked: self.masked }
+        Some(Self { grey: Arc::new(grey), masked: true })
     }
 
     /// Grey values; with a mask 0 is hidden.
@@ -140,12 +135,12 @@ impl<'a> Pixels<'a> {
 /// Where photos come from; asked once per photo and round, from several threads, roughly in order.
 pub trait Photos: Sync {
     /// Returns photo number `photo`, or `None` if it cannot be read.
-    fn load(&self, photo: usize) -> Option<Pixels<'_>>;
+    fn load(&self, photo: usize) -> Option<Pixels>;
 }
 
-impl Photos for [Pixels<'_>] {
-    fn load(&self, photo: usize) -> Option<Pixels<'_>> {
-        self.get(photo).map(Pixels::borrowed)
+impl Photos for [Pixels] {
+    fn load(&self, photo: usize) -> Option<Pixels> {
+        self.get(photo).cloned()
     }
 }
 

@@ -20,15 +20,6 @@ pub(super) struct Bench {
     laying: Laying,
     band: Band,
     planes: Planes,
-    /// Of photos that are done with.
-    texels: Vec<Vec<i8>>,
-}
-
-impl Bench {
-    /// Takes the memory of a photo that is done with.
-    pub(super) fn give_back(&mut self, patch: Patch) {
-        self.texels.push(patch.texels.into_memory());
-    }
 }
 
 /// One photo on its window of the wall grid.
@@ -51,9 +42,10 @@ impl Patch {
         grid: &WallGrid<'_>,
         tunnel_from_cam: &Isometry3<f64>,
         footprint: &Footprint,
-        pixels: &Pixels<'_>,
+        pixels: &Pixels,
         config: &MatchConfig,
-        Bench { laying, band, planes, texels }: &mut Bench,
+        Bench { laying, band, planes }: &mut Bench,
+        memory: Vec<i8>,
     ) -> Self {
         rectify(grid, tunnel_from_cam, footprint, pixels, laying, &mut band.texels);
         band.normalise([config.band_small_px, config.band_large_px], config.contrast_floor, planes);
@@ -61,7 +53,7 @@ impl Patch {
         let origin = footprint.block0.map(|block| block * BLOCK as i64);
         let points = reference_points(&band.texels, &usable, origin, config, planes);
         let footprint = without_masked(footprint, &band.seen);
-        Self { origin, texels: Texels::new(&band.texels, texels.pop().unwrap_or_default()), usable, points, footprint }
+        Self { origin, texels: Texels::new(&band.texels, memory), usable, points, footprint }
     }
 
     /// Tells whether a template can lie around a place in the window; none can beyond it.

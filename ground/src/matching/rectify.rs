@@ -75,7 +75,7 @@ struct Image<'a, T: Clone> {
 }
 
 impl<'a> Image<'a, u8> {
-    fn new(pixels: &'a Pixels<'_>) -> Self {
+    fn new(pixels: &'a Pixels) -> Self {
         let grey = pixels.grey();
         Self {
             width: grey.width,
@@ -168,7 +168,7 @@ pub(super) fn rectify(
     grid: &WallGrid<'_>,
     tunnel_from_cam: &Isometry3<f64>,
     footprint: &Footprint,
-    pixels: &Pixels<'_>,
+    pixels: &Pixels,
     Laying { knots, halved, quartered }: &mut Laying,
     plane: &mut Plane,
 ) {
@@ -334,7 +334,7 @@ mod tests {
     #[test]
     fn without_a_mask_black_is_a_level_like_any_other() {
         let grey = Luma { width: 2, height: 2, data: vec![0; 4] };
-        let pixels = Pixels::new(Cow::Owned(grey));
+        let pixels = Pixels::new(grey);
         assert!((Image::new(&pixels).sample(&[0.5], &[0.5])[0] - LOG_OFFSET.ln()).abs() < 1e-5);
     }
 

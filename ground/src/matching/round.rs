@@ -26,6 +26,9 @@ struct View {
 
 /// Photos from whose points the room for those of all is guessed.
 const RESERVE_AFTER: usize = 100;
+/// And so much more: the first ones have fewer partners than most. What is reserved and not used costs no memory; to grow at the
+/// end costs all of it once more.
+const RESERVE: f64 = 1.25;
 
 /// Photos as loaded so far.
 type Views = Vec<Option<Box<View>>>;
@@ -37,6 +40,12 @@ struct Round<'a> {
     blurred: Option<Level<'a>>,
     /// As many as photos were ever worked on at once.
     benches: Mutex<Vec<Bench>>,
+    /// Memory of photos that are done with.
+    texels: Mutex<Vec<Vec<i8>>>,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Matches every two photos that should overlap.
@@ -57,6 +66,7 @@ pub fn match_round<P: Photos + ?Sized>(
         sharp: Level::new(profile, camera, poses, config.clone()),
         blurred: config.blurred().map(|config| Level::new(profile, camera, poses, config)),
         benches: Mutex::default(),
+        texels: Mutex::default(),
     };
     let footprints: Vec<Option<Footprint>> =
         poses.par_iter().map(|pose| Footprint::new(&round.sharp.grid, &pose.tunnel_from_cam)).collect();
@@ -107,7 +117,7 @@ pub fn match_round<P: Photos + ?Sized>(
         let tracks_of = |(photo, view, found): (usize, Option<Box<View>>, Vec<Found>)| {
             let Some(view) = view else { return (photo, Tracks::default()) };
             let tracks = round.tracks_of(photo, &view.sharp, found);
-            round.give_back(*view);
+            locked(&round.texels).push(view.sharp.texels.into_memory());
             (photo, tracks)
         };
         for (photo, tracks) in last.into_par_iter().map(tracks_of).collect::<Vec<_>>() {
@@ -117,7 +127,7 @@ pub fn match_round<P: Photos + ?Sized>(
         while let Some(Some(tracks)) = finished.get(next).filter(|_| next < end) {
             result.tracks.append(tracks);
             if next == RESERVE_AFTER {
-                result.tracks.reserve_times(1.05 * poses.len() as f64 / next as f64);
+                result.tracks.reserve_times(RESERVE * poses.len() as f64 / next as f64);
             }
             finished[next] = Some(Tracks::default());
             next += 1;
@@ -155,26 +165,16 @@ impl Round<'_> {
         if [grey.width, grey.height] != [camera.width_px as usize, camera.height_px as usize] {
             return None;
         }
-        let mut bench = self.benches().pop().unwrap_or_default();
-        let sharp = self.sharp.patch(photo, footprint, &pixels, &mut bench);
+        let mut bench = locked(&self.benches).pop().unwrap_or_default();
+        let memory = locked(&self.texels).pop().unwrap_or_default();
+        let sharp = self.sharp.patch(photo, footprint, &pixels, &mut bench, memory);
         let repeating = self.blurred.as_ref().and_then(|level| {
             let repeat_px = repeat_px(&sharp, &self.sharp.config, search)?;
             let footprint = Footprint::new(&level.grid, &level.poses[photo].tunnel_from_cam)?;
-            Some((repeat_px, level.patch(photo, &footprint, &pixels, &mut bench)))
+            Some((repeat_px, level.patch(photo, &footprint, &pixels, &mut bench, Vec::new())))
         });
-        self.benches().push(bench);
+        locked(&self.benches).push(bench);
         Some(View { sharp, repeating })
-    }
-
-    fn benches(&self) -> MutexGuard<'_, Vec<Bench>> {
-        self.benches.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Takes the memory of a photo that is done with.
-    fn give_back(&self, view: View) {
-        if let Some(bench) = self.benches().last_mut() {
-            bench.give_back(view.sharp);
-        }
     }
 
     /// The reference points of a photo that others found, in the order of the points, then of the photos.

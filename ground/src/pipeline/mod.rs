@@ -156,7 +156,6 @@ impl Run<'_> {
         if self.ends_with(Stage::Match) {
             return Ok(());
         }
-        let solver = solver.without_photos();
         let key = key.then("adjust", &())?;
         let adjusted =
             self.stage(Stage::Adjust, key, photos, &[], |_| solver.adjust(&prior, &coarse, matches), say_adjust)?;

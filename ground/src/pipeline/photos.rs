@@ -1,8 +1,7 @@
 //! Photos of a survey as the matching asks for them, decoded on demand and kept for the next round while there is room.
 
-use std::borrow::Cow;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use fixedbitset::FixedBitSet;
 
@@ -13,19 +12,15 @@ use crate::survey::{Size, Survey, decode_luma, load_mask};
 /// Room for decoded photos, whatever the survey's length: saves a short one from decoding all of them in each round.
 const KEPT_BYTES: usize = 128 << 20;
 
-/// Decoded photos, the first ones that fit into [`KEPT_BYTES`].
+/// Decoded photos, the first ones that fit into [`KEPT_BYTES`], and what their masks hide.
 pub(super) struct KeptPhotos {
-    photos: Vec<OnceLock<Kept>>,
+    photos: Vec<Mutex<Option<Pixels>>>,
+    hidden: Vec<OnceLock<Hidden>>,
     room_bytes: AtomicUsize,
 }
 
-struct Kept {
-    /// `None` once they have been given back.
-    pixels: Option<Pixels<'static>>,
-    hidden: Option<Hidden>,
-}
-
 /// Which pixels a photo's mask hides.
+#[derive(Clone, Debug)]
 pub(super) struct Hidden {
     size: [usize; 2],
     /// Row by row.
@@ -51,36 +46,48 @@ impl Hidden {
 impl KeptPhotos {
     /// Room for photos of `survey`.
     pub(super) fn new(survey: &Survey) -> Self {
-        let photos = std::iter::repeat_with(OnceLock::new).take(survey.photos.len()).collect();
-        Self { photos, room_bytes: AtomicUsize::new(KEPT_BYTES) }
+        Self::with_room(survey.photos.len(), KEPT_BYTES)
     }
 
-    fn get(&self, index: usize) -> Option<Pixels<'_>> {
-        self.photos.get(index)?.get()?.pixels.as_ref().map(Pixels::borrowed)
-    }
-
-    /// Gives the photos' memory back once they have been matched; what masks hide is still known.
-    pub(super) fn release(&mut self) {
-        for kept in self.photos.iter_mut().filter_map(OnceLock::get_mut) {
-            kept.pixels = None;
+    fn with_room(photos: usize, room_bytes: usize) -> Self {
+        Self {
+            photos: std::iter::repeat_with(Mutex::default).take(photos).collect(),
+            hidden: vec![OnceLock::new(); photos],
+            room_bytes: AtomicUsize::new(room_bytes),
         }
     }
 
-    /// What the mask of a kept photo hides, if it has one.
+    /// What the mask of a kept photo hides, if it has one; still known when the pixels are gone.
     pub(super) fn hidden(&self, index: usize) -> Option<&Hidden> {
-        self.photos.get(index)?.get()?.hidden.as_ref()
+        self.hidden.get(index)?.get()
     }
 
-    /// Keeps a photo if it fits, and hands it back.
-    fn keep(&self, index: usize, pixels: Pixels<'static>) -> Option<Pixels<'_>> {
+    fn slot(&self, index: usize) -> Option<MutexGuard<'_, Option<Pixels>>> {
+        Some(self.photos.get(index)?.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Keeps a photo if it fits.
+    fn keep(&self, index: usize, pixels: &Pixels) {
         let take = |room: usize| room.checked_sub(pixels.grey().data.len());
         if self.room_bytes.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_err() {
-            return Some(pixels);
+            return;
         }
-        let hidden = pixels.is_masked().then(|| Hidden::new(pixels.grey()));
-        let kept = self.photos.get(index)?.get_or_init(|| Kept { pixels: Some(pixels), hidden });
-        kept.pixels.as_ref().map(Pixels::borrowed)
+        if pixels.is_masked() {
+            self.hidden[index].get_or_init(|| Hidden::new(pixels.grey()));
+        }
+        if let Some(mut slot) = self.slot(index) {
+            *slot = Some(pixels.clone());
+        }
     }
+}
+
+/// Whether photos are needed again after a round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Use {
+    /// Kept while there is room.
+    Again,
+    /// What was kept is given out for good, and so makes room.
+    Last,
 }
 
 /// The survey's photos in a round; those that fail are left out of the matching and named by [`Self::faults`].
@@ -88,13 +95,14 @@ pub(super) struct SurveyPhotos<'a> {
     survey: &'a Survey,
     kept: &'a KeptPhotos,
     use_masks: bool,
+    used: Use,
     faults: std::sync::Mutex<Vec<(usize, String)>>,
 }
 
 impl<'a> SurveyPhotos<'a> {
     /// Photos of `survey`; without masks if P1 is switched off. The same `kept` serves only rounds with the same masks.
-    pub(super) fn new(survey: &'a Survey, kept: &'a KeptPhotos, use_masks: bool) -> Self {
-        Self { survey, kept, use_masks, faults: std::sync::Mutex::default() }
+    pub(super) fn new(survey: &'a Survey, kept: &'a KeptPhotos, use_masks: bool, used: Use) -> Self {
+        Self { survey, kept, use_masks, used, faults: std::sync::Mutex::default() }
     }
 
     /// The photos that could not be decoded, with the reason, in order.
@@ -112,9 +120,13 @@ impl<'a> SurveyPhotos<'a> {
 }
 
 impl Photos for SurveyPhotos<'_> {
-    fn load(&self, index: usize) -> Option<Pixels<'_>> {
-        if let Some(kept) = self.kept.get(index) {
-            return Some(kept);
+    fn load(&self, index: usize) -> Option<Pixels> {
+        let kept = self.kept.slot(index).and_then(|mut slot| match self.used {
+            Use::Again => slot.clone(),
+            Use::Last => slot.take(),
+        });
+        if kept.is_some() {
+            return kept;
         }
         let photo = self.survey.photos.get(index)?;
         let size = size_of(self.survey);
@@ -123,9 +135,12 @@ impl Photos for SurveyPhotos<'_> {
         let mask = mask.map_err(|error| self.fault(index, &error)).ok()?;
         let pixels = match mask {
             Some(mask) => Pixels::with_mask(grey, &mask)?,
-            None => Pixels::new(Cow::Owned(grey)),
+            None => Pixels::new(grey),
         };
-        self.kept.keep(index, pixels)
+        if self.used == Use::Again {
+            self.kept.keep(index, &pixels);
+        }
+        Some(pixels)
     }
 }
 
@@ -140,33 +155,25 @@ mod tests {
     use super::*;
     use crate::raster::Mask;
 
-    fn kept(photos: usize, room_bytes: usize) -> KeptPhotos {
-        let photos = std::iter::repeat_with(OnceLock::new).take(photos).collect();
-        KeptPhotos { photos, room_bytes: AtomicUsize::new(room_bytes) }
-    }
-
     #[test]
-    fn photos_are_kept_while_there_is_room_and_handed_back_in_any_case() {
-        let kept = kept(3, 2 * 10 * 10 + 50);
+    fn photos_are_kept_while_there_is_room() {
+        let kept = KeptPhotos::with_room(3, 2 * 10 * 10 + 50);
         for index in 0..3 {
-            let grey = Luma { width: 10, height: 10, data: vec![index as u8; 100] };
-            let pixels = kept.keep(index, Pixels::new(Cow::Owned(grey))).unwrap();
-            assert_eq!(pixels.grey().data[99], index as u8);
+            kept.keep(index, &Pixels::new(Luma { width: 10, height: 10, data: vec![index as u8; 100] }));
         }
-        assert_eq!(kept.get(1).map(|pixels| pixels.grey().data[0]), Some(1));
-        assert!(kept.get(0).is_some() && kept.get(2).is_none());
+        let first = |index: usize| kept.slot(index)?.as_ref().map(|pixels| pixels.grey().data[0]);
+        assert_eq!([0, 1, 2].map(first), [Some(0), Some(1), None]);
     }
 
     #[test]
-    fn what_a_mask_hides_is_known_after_the_pixels_were_given_back() {
-        let mut kept = kept(1, 1000);
+    fn what_a_mask_hides_is_known_after_the_pixels_are_gone() {
+        let kept = KeptPhotos::with_room(1, 1000);
         let mut mask = Mask { width: 11, height: 7, data: vec![255; 77] };
         mask.set(10, 6, [0]);
         mask.set(3, 0, [0]);
         let grey = Luma { width: 11, height: 7, data: vec![0; 77] };
-        kept.keep(0, Pixels::with_mask(grey, &mask).unwrap()).unwrap();
-        kept.release();
-        assert!(kept.get(0).is_none());
+        kept.keep(0, &Pixels::with_mask(grey, &mask).unwrap());
+        *kept.slot(0).unwrap() = None;
         let hidden = kept.hidden(0).expect("a mask");
         assert!(hidden.contains([10.5, 6.5]) && hidden.contains([3.9, -2.0]) && hidden.contains([20.0, 8.0]));
         assert!(!hidden.contains([9.9, 6.5]) && !hidden.contains([4.0, 0.0]));

@@ -16,6 +16,7 @@ use anyhow::Result;
 use nalgebra::{Isometry3, Vector3};
 
 use super::groups::{Groups, PairShare, hanging_together, pair_shares};
+use super::photos::Use;
 use super::progress::StageProgress;
 use super::solve::Solver;
 use super::stages::{CoarseStage, PriorStage, RoundSummary, TagSlip};
@@ -163,7 +164,7 @@ impl<'a> Placing<'a> {
         wanted: &dyn Fn([usize; 2]) -> bool,
         progress: &StageProgress,
     ) -> MatchRound {
-        let (round, losses) = self.solver.round(views, photo_of, config, wanted, progress);
+        let (round, losses) = self.solver.round(views, photo_of, config, wanted, Use::Again, progress);
         self.losses.extend(losses);
         self.losses.sort_by(|a, b| (&a.what, &a.why).cmp(&(&b.what, &b.why)));
         self.losses.dedup();

@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::groups::registered;
-use super::photos::{Hidden, KeptPhotos, SurveyPhotos, size_of};
+use super::photos::{Hidden, KeptPhotos, SurveyPhotos, Use, size_of};
 use super::placing::Placing;
 use super::progress::StageProgress;
 use super::stages::{AdjustStage, CoarseStage, MatchStage, PriorStage, RoundSummary};
@@ -119,15 +119,6 @@ impl<'a> Solver<'a> {
     /// If the section cannot be built.
     pub fn with_section(self, prior: &PriorStage) -> Result<Self> {
         Ok(Self { profile: prior.profile.build().context("the section")?, ..self })
-    }
-
-    /// The same without the photos' pixels, which nobody asks for after the matching.
-    #[must_use]
-    pub fn without_photos(mut self) -> Self {
-        if let Some(kept) = Arc::get_mut(&mut self.photos) {
-            kept.release();
-        }
-        self
     }
 
     /// Poses from the tags, and the section's size from the ranges; or, without tags, poses from the photos' features.
@@ -268,7 +259,7 @@ impl<'a> Solver<'a> {
     pub fn fine(&self, coarse: &CoarseStage, progress: &StageProgress) -> MatchStage {
         let config = MatchConfig::fine(self.matched_m());
         let wanted = |photos: [usize; 2]| photos.iter().all(|&photo| coarse.placed[photo]);
-        let (round, _) = self.round(&coarse.views, &|photo| photo, &config, &wanted, progress);
+        let (round, _) = self.round(&coarse.views, &|photo| photo, &config, &wanted, Use::Last, progress);
         let summary = RoundSummary::new(&round.pairs, &round.tracks, self.survey);
         MatchStage { tracks: round.tracks, round: summary }
     }
@@ -490,9 +481,10 @@ impl<'a> Solver<'a> {
         photo_of: &(dyn Fn(usize) -> usize + Sync),
         config: &MatchConfig,
         wanted: &dyn Fn([usize; 2]) -> bool,
+        used: Use,
         progress: &StageProgress,
     ) -> (MatchRound, Vec<Loss>) {
-        let photos = SurveyPhotos::new(self.survey, &self.photos, self.options.prune_mask);
+        let photos = SurveyPhotos::new(self.survey, &self.photos, self.options.prune_mask, used);
         let camera = &self.survey.config.camera.camera;
         progress.restart(views.len());
         let views_photos = ViewsPhotos { photos: &photos, photo_of };
@@ -527,7 +519,7 @@ struct ViewsPhotos<'a> {
 }
 
 impl Photos for ViewsPhotos<'_> {
-    fn load(&self, view: usize) -> Option<Pixels<'_>> {
+    fn load(&self, view: usize) -> Option<Pixels> {
         self.photos.load((self.photo_of)(view))
     }
 }

@@ -27,7 +27,7 @@ pub(crate) struct Sample {
     /// Exact poses.
     pub(crate) truth: Vec<Isometry3<f64>>,
     /// Decoded photos.
-    pub(crate) photos: Vec<Pixels<'static>>,
+    pub(crate) photos: Vec<Pixels>,
 }
 
 /// The folder of the sample sets, found by walking up from this crate.
@@ -68,7 +68,7 @@ fn pose(line: &str) -> (String, Isometry3<f64>) {
     (photo, Isometry3::from_parts(Translation3::new(v[4], v[5], v[6]), rotation))
 }
 
-fn pixels(folder: &Path, photo: &str) -> Pixels<'static> {
+fn pixels(folder: &Path, photo: &str) -> Pixels {
     let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::Luma);
     let bytes = fs::read(folder.join("photos").join(photo)).expect("a photo");
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
@@ -76,7 +76,7 @@ fn pixels(folder: &Path, photo: &str) -> Pixels<'static> {
     let (width, height) = decoder.dimensions().expect("a size");
     let grey = Luma { width, height, data };
     let Ok(file) = fs::File::open(folder.join("masks").join(format!("{photo}.png"))) else {
-        return Pixels::new(Cow::Owned(grey));
+        return Pixels::new(grey);
     };
     let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().expect("a PNG");
     let mut data = vec![0; reader.output_buffer_size().expect("a size")];

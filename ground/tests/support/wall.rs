@@ -80,7 +80,7 @@ impl Wall {
     }
 
     /// Photographs the wall with a lamp that moves along, and noise.
-    pub(crate) fn photo(self, pose: &Isometry3<f64>, seed: u64) -> Pixels<'static> {
+    pub(crate) fn photo(self, pose: &Isometry3<f64>, seed: u64) -> Pixels {
         let camera = Self::camera();
         let (width, height) = (camera.width_px as usize, camera.height_px as usize);
         let shade = |index: usize| {
@@ -91,7 +91,7 @@ impl Wall {
             (light * self.reflectance(&self.hit(pose, pixel)) + noise).round().clamp(0.0, 255.0) as u8
         };
         let data = (0..width * height).into_par_iter().map(shade).collect();
-        Pixels::new(Cow::Owned(Luma { width, height, data }))
+        Pixels::new(Luma { width, height, data })
     }
 
     fn reflectance(self, point: &Point3<f64>) -> f64 {
