@@ -11,6 +11,7 @@
 pub mod angles;
 pub mod camera;
 pub mod centring;
+pub mod charuco;
 pub mod coverage;
 pub mod profile;
 pub mod rig;

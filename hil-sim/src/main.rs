@@ -5,6 +5,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use adit_geometry::charuco::Dictionary;
 use adit_hil_sim::board::{BOARD_PARTS, BoardOptions, LensModel, make_board_photos};
 use adit_hil_sim::card::log_bytes;
 use adit_hil_sim::check::Report;
@@ -35,7 +36,7 @@ enum Verb {
     Fly(FlyArguments),
     /// Make a survey folder with its truth from a scripted way through a tunnel, to test the ground side with.
     Survey(SurveyArguments),
-    /// Make photos of a chessboard by a camera that is known exactly, to test `adit calibrate` with.
+    /// Make photos of a chessboard, with markers or without, by a camera that is known exactly, to test `adit calibrate` with.
     Board(BoardArguments),
 }
 
@@ -111,6 +112,12 @@ struct BoardArguments {
     /// The lens's model.
     #[arg(long, value_enum, default_value_t = LensModel::BrownConrady)]
     model: LensModel,
+    /// Markers in the white squares, of this dictionary: 4x4, 5x5 or 6x6.
+    #[arg(long, value_name = "DICTIONARY", value_parser = dictionary)]
+    charuco: Option<Dictionary>,
+    /// Least share of a board's corners that is in view.
+    #[arg(long, default_value_t = 1.0, value_name = "SHARE")]
+    in_view: f64,
     /// How many photos.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..1_000))]
     photos: u32,
@@ -217,6 +224,8 @@ fn board(arguments: &BoardArguments) -> Result<()> {
     start_threads(arguments.threads)?;
     let options = BoardOptions {
         model: arguments.model,
+        charuco: arguments.charuco,
+        in_view: arguments.in_view,
         photos: arguments.photos,
         seed: arguments.seed,
         width_px: arguments.width_px,
@@ -234,6 +243,10 @@ fn board(arguments: &BoardArguments) -> Result<()> {
         println!("camera             {}", arguments.out.join("truth/camera.toml").display());
     }
     Ok(())
+}
+
+fn dictionary(name: &str) -> Result<Dictionary, String> {
+    Dictionary::named(name).ok_or_else(|| "expected 4x4, 5x5 or 6x6, or OpenCV's name, such as DICT_4X4_50".to_owned())
 }
 
 fn start_threads(threads: Option<usize>) -> Result<()> {

@@ -91,7 +91,7 @@ impl Coverage {
         let mut coverage = Self { corners: [0; 9], reach: 0.0, photos: 0 };
         for photo in used {
             coverage.photos += 1;
-            for corner in &photo.corners {
+            for corner in photo.corners.iter().map(|corner| corner.pixel) {
                 let third = |value: f64, half: f64| ((value / half * 1.5) as usize).min(2);
                 coverage.corners[third(corner.y, middle.y) * 3 + third(corner.x, middle.x)] += 1;
                 coverage.reach = coverage.reach.max((corner - middle).norm() / middle.norm());
@@ -241,13 +241,14 @@ pub(super) fn tilt_deg(cam_from_board: &nalgebra::Isometry3<f64>) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Corner;
     use super::*;
 
     fn photo(corners: &[[f64; 2]]) -> CalibrationPhoto {
         CalibrationPhoto {
             name: "GOPR0001.JPG".to_owned(),
             path: "GOPR0001.JPG".into(),
-            corners: corners.iter().map(|corner| Vector2::from(*corner)).collect(),
+            corners: corners.iter().map(|pixel| Corner { number: 0, pixel: Vector2::from(*pixel) }).collect(),
             unused: None,
         }
     }

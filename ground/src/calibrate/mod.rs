@@ -1,8 +1,9 @@
-//! A camera's intrinsics and distortion from photos of a chessboard.
+//! A camera's intrinsics and distortion from photos of a chessboard or `ChArUco` board.
 //!
 //! [`calibrate`] takes a folder of photos: corners ([`find_corners`]), camera ([`fit_camera`]), what the photos leave open
 //! ([`Hint`]), and for every photo whether it was used or why not.
 
+mod board;
 mod coverage;
 mod detect;
 mod fit;
@@ -15,10 +16,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
+pub use board::{Board, BoardError, Corner, Pattern};
 pub use coverage::{Coverage, Hint, Region};
 pub use detect::{NoBoard, find_corners};
 pub use fit::{Fit, FittedPhoto, IntrinsicSigmas, Sigmas, fit_camera};
@@ -27,31 +28,6 @@ pub use report::{CalibrationFigures, CameraFigures, PhotoFigures};
 pub use rig::{Estimated, RigCalibration, Untold, calibrate_rig};
 
 use crate::survey::{FoundPhoto, PhotoError, Size, decode_luma, find_photos, probe};
-
-/// A chessboard by its inner corners.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Board {
-    /// Inner corners in a row: one fewer than squares.
-    pub columns: usize,
-    /// Rows of inner corners.
-    pub rows: usize,
-    /// Edge of a square. Only distances to the board depend on it.
-    pub square_m: f64,
-}
-
-impl Board {
-    /// Inner corners.
-    pub fn corners(&self) -> usize {
-        self.columns * self.rows
-    }
-
-    /// Where the corners lie, row by row, metres: x along rows, y down columns, z = 0.
-    pub fn places(&self) -> impl Iterator<Item = Vector3<f64>> {
-        let Self { columns, square_m, .. } = *self;
-        (0..self.corners())
-            .map(move |index| Vector3::new((index % columns) as f64, (index / columns) as f64, 0.0) * square_m)
-    }
-}
 
 /// Camera models that can be fitted, as survey.toml names them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
@@ -120,8 +96,8 @@ pub struct CalibrationPhoto {
     pub name: String,
     /// Path.
     pub path: PathBuf,
-    /// Corners in row order, pixels; empty where none were found.
-    pub corners: Vec<Vector2<f64>>,
+    /// Corners by their numbers; empty where none were found.
+    pub corners: Vec<Corner>,
     /// `None` if it was used.
     pub unused: Option<Reason>,
 }
@@ -195,7 +171,7 @@ pub fn calibrate(
     Ok(Calibration { board, size, photos, fit, other_fit, coverage, hints })
 }
 
-fn corners_in(path: &Path, found: Size, expected: Size, board: &Board) -> Result<Vec<Vector2<f64>>, Reason> {
+fn corners_in(path: &Path, found: Size, expected: Size, board: &Board) -> Result<Vec<Corner>, Reason> {
     if found != expected {
         return Err(Reason::OtherSize { found, expected });
     }
@@ -216,7 +192,7 @@ fn most_common<'s>(sizes: impl Iterator<Item = &'s Size>) -> Size {
 /// Fits a camera to the photos with a board; the fit's indices are those of `photos`.
 fn fit_photos(photos: &[CalibrationPhoto], board: &Board, size: Size, model: Model) -> Option<Fit> {
     let usable: Vec<usize> = (0..photos.len()).filter(|&index| photos[index].unused.is_none()).collect();
-    let corners: Vec<Vec<Vector2<f64>>> = usable.iter().map(|&index| photos[index].corners.clone()).collect();
+    let corners: Vec<Vec<Corner>> = usable.iter().map(|&index| photos[index].corners.clone()).collect();
     let mut fit = fit_camera(&corners, board, size, model)?;
     for photo in &mut fit.photos {
         photo.index = usable[photo.index];

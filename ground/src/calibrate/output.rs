@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use jpeg_encoder::{ColorType, Encoder, EncodingError};
 use nalgebra::Vector2;
 
-use super::{Calibration, CalibrationPhoto, Fit};
+use super::{Calibration, CalibrationPhoto, Corner, Fit};
 use crate::files::write_whole;
 use crate::raster::Rgb8;
 use crate::report::jpeg_address;
@@ -132,14 +132,15 @@ fn drawn(calibration: &Calibration, photo: &CalibrationPhoto) -> Result<String, 
         jpeg_address(&rgb, shown, ColorType::Rgb)?
     );
     if !photo.corners.is_empty() {
-        let line: Vec<String> = photo.corners.iter().map(|at| format!("{:.1},{:.1}", at.x, at.y)).collect();
+        let corners = || photo.corners.iter().map(|corner| corner.pixel);
+        let line: Vec<String> = corners().map(|at| format!("{:.1},{:.1}", at.x, at.y)).collect();
         let stroke = f64::from(width) / 500.0;
         let _ = write!(
             svg,
             "<polyline points=\"{}\" fill=\"none\" stroke=\"#0a0\" stroke-width=\"{stroke:.1}\"/>",
             line.join(" ")
         );
-        for (index, at) in photo.corners.iter().enumerate() {
+        for (index, at) in corners().enumerate() {
             let fill = if index == 0 { "#f00" } else { "none" };
             let _ = write!(
                 svg,
@@ -164,7 +165,8 @@ fn all_corners(calibration: &Calibration, fit: &Fit) -> String {
         let _ = write!(svg, "<path d=\"M{x} 0V{height}M0 {y}H{width}\" stroke=\"#ddd\" stroke-width=\"{radius:.1}\"/>");
     }
     for photo in &fit.photos {
-        for (place, corner) in calibration.board.places().zip(&calibration.photos[photo.index].corners) {
+        for Corner { number, pixel: corner } in &calibration.photos[photo.index].corners {
+            let place = calibration.board.place(*number);
             let point = photo.cam_from_board.rotation * place + photo.cam_from_board.translation.vector;
             let Some(seen) = fit.camera.project(&point) else { continue };
             let end = corner + (corner - seen) * ENLARGED;
@@ -193,7 +195,7 @@ fn undistorted(calibration: &Calibration, fit: &Fit) -> Result<Option<Rgb8>, Out
         let corners = &calibration.photos[index].corners;
         let (low, high) = corners.iter().fold(
             (Vector2::repeat(f64::MAX), Vector2::repeat(f64::MIN)),
-            |(low, high): (Vector2<f64>, Vector2<f64>), at| (low.inf(at), high.sup(at)),
+            |(low, high): (Vector2<f64>, Vector2<f64>), at| (low.inf(&at.pixel), high.sup(&at.pixel)),
         );
         (high - low).product()
     };

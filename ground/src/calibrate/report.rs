@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::coverage::tilt_deg;
 use super::fit::{Fit, IntrinsicSigmas, Sigmas, model_of};
-use super::{Board, Calibration, Coverage, Hint, Model};
+use super::{Board, Calibration, Coverage, Hint, Model, Pattern};
 
 /// What is printed and kept as calibration.json.
 #[derive(Clone, Debug, Serialize)]
@@ -65,6 +65,10 @@ pub struct PhotoFigures {
     pub photo: String,
     /// Why it was not used; `None` if it was.
     pub unused: Option<String>,
+    /// Corners that were used, of those found.
+    pub corners_used: Option<usize>,
+    /// Corners found.
+    pub corners_found: usize,
     /// Root mean square error of its corners.
     pub rms_px: Option<f64>,
     /// Distance of the board's first corner.
@@ -84,6 +88,8 @@ impl Calibration {
             PhotoFigures {
                 photo: photo.name.clone(),
                 unused: photo.unused.as_ref().map(ToString::to_string),
+                corners_used: fitted.map(|fitted| fitted.corners),
+                corners_found: photo.corners.len(),
                 rms_px: fitted.map(|fitted| fitted.rms_px),
                 distance_m: fitted.map(|fitted| fitted.cam_from_board.translation.vector.norm()),
                 turned_deg: tilt.map(|[turned, _]| turned),
@@ -138,9 +144,13 @@ fn camera_toml(camera: &Camera<f64>) -> String {
 
 impl fmt::Display for CalibrationFigures {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Board { columns, rows, square_m } = self.board;
+        let Board { columns, rows, square_m, pattern } = self.board;
         let used = self.photos.iter().filter(|photo| photo.unused.is_none()).count();
-        writeln!(out, "board          {columns} x {rows} inner corners, squares of {} mm", square_m * 1000.0)?;
+        write!(out, "board          {columns} x {rows} inner corners, squares of {} mm", square_m * 1000.0)?;
+        match pattern {
+            Pattern::Chessboard => writeln!(out)?,
+            Pattern::Charuco(dictionary) => writeln!(out, " with markers of {0} x {0} cells", dictionary.side())?,
+        }
         writeln!(
             out,
             "photos         {used} of {} used, {} x {} pixels",
@@ -159,14 +169,22 @@ impl fmt::Display for CalibrationFigures {
                 model_name(other.model)
             )?;
         }
-        writeln!(out, "\n{:<24} {:>8} {:>10} {:>8} {:>8}", "photo", "error px", "distance m", "turned", "tipped")?;
+        writeln!(
+            out,
+            "\n{:<24} {:>7} {:>8} {:>10} {:>8} {:>8}",
+            "photo", "corners", "error px", "distance m", "turned", "tipped"
+        )?;
         for photo in &self.photos {
             let name = &photo.photo;
-            match (photo.rms_px, photo.distance_m, photo.turned_deg, photo.tipped_deg, &photo.unused) {
-                (Some(rms_px), Some(distance_m), Some(turned), Some(tipped), None) => {
-                    writeln!(out, "{name:<24} {rms_px:>8.3} {distance_m:>10.3} {turned:>8.1} {tipped:>8.1}")?;
+            let PhotoFigures { corners_used, rms_px, distance_m, turned_deg, tipped_deg, unused, .. } = photo;
+            match (corners_used, rms_px, distance_m, turned_deg, tipped_deg, unused) {
+                (Some(corners), Some(rms_px), Some(distance_m), Some(turned), Some(tipped), None) => {
+                    writeln!(
+                        out,
+                        "{name:<24} {corners:>7} {rms_px:>8.3} {distance_m:>10.3} {turned:>8.1} {tipped:>8.1}"
+                    )?;
                 }
-                (.., unused) => writeln!(out, "{name:<24} not used: {}", unused.as_deref().unwrap_or_default())?,
+                _ => writeln!(out, "{name:<24} not used: {}", unused.as_deref().unwrap_or_default())?,
             }
         }
         if !self.hints.is_empty() {

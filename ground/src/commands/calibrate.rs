@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use adit_ground::calibrate::{Board, Model, calibrate, write};
+use adit_ground::calibrate::{Board, BoardError, Model, calibrate, write};
 use adit_ground::pipeline::{StageProgress, Verbosity};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use super::{Answer, Common, positive, print};
 
-/// Calibrate a camera from photos of a chessboard: focal lengths, principal point, distortion.
+/// Calibrate a camera from photos of a chessboard, with markers or without: focal lengths, principal point, distortion.
 ///
 /// Finds the board's inner corners in every JPEG below PHOTOS, fits the camera model asked for (and the other one, for
 /// comparison), and prints the camera table for survey.toml and mission.toml, with the standard deviation of every number:
@@ -19,14 +19,16 @@ use super::{Answer, Common, positive, print};
 /// The answer is no (exit code 1) if there are too few boards for a camera, or a limit given is exceeded.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  adit calibrate DCIM/100GOPRO --board 8x6\n  \
+    adit calibrate photos --board charuco:8x6:DICT_4X4_50\n  \
     adit calibrate photos --board 9x6 --square-mm 30 --model kannala-brandt --out calibration --json")]
 pub(super) struct Arguments {
     /// The folder of photos, all from one camera in one mode
     #[arg(value_name = "PHOTOS")]
     photos: PathBuf,
-    /// Inner corners in a row and in a column: one fewer than squares
-    #[arg(long, value_name = "COLUMNSxROWS", value_parser = corners)]
-    board: [usize; 2],
+    /// Inner corners in a row and in a column (one fewer than squares), as 8x6; with markers in the white squares as
+    /// charuco:8x6:4x4 (or 5x5, 6x6, `DICT_4X4_50`): of such a board any part may be in view
+    #[arg(long, value_name = "BOARD", value_parser = board)]
+    board: Board,
     /// Edge of a square; distances depend on it, the camera does not
     #[arg(long, value_name = "MM", value_parser = positive, default_value_t = 25.0)]
     square_mm: f64,
@@ -42,16 +44,13 @@ pub(super) struct Arguments {
     max_rms_px: Option<f64>,
 }
 
-fn corners(text: &str) -> Result<[usize; 2], String> {
-    let expected = || "expected inner corners as COLUMNSxROWS, such as 8x6, each from 3 to 100".to_owned();
-    let (columns, rows) = text.split_once('x').ok_or_else(expected)?;
-    let count = |text: &str| text.parse().ok().filter(|count| (3..=100).contains(count)).ok_or_else(expected);
-    Ok([count(columns)?, count(rows)?])
+/// A board whose squares are of no size yet.
+fn board(text: &str) -> Result<Board, BoardError> {
+    Board::parse(text, 1.0)
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
-    let [columns, rows] = arguments.board;
-    let board = Board { columns, rows, square_m: arguments.square_mm / 1000.0 };
+    let board = Board { square_m: arguments.square_mm / 1000.0, ..arguments.board };
     if let Some(out) = &arguments.out
         && out.starts_with(&arguments.photos)
     {
@@ -74,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
     let figures = calibration.figures();
     print(&figures, common)?;
     let Some(camera) = &figures.camera else {
-        eprintln!("adit: no camera: {used} photos with the whole board, tilted by turns, are too few");
+        eprintln!("adit: no camera: {used} photos with the board, tilted by turns, are too few");
         return Ok(Answer::No);
     };
     if let Some(limit_px) = arguments.max_rms_px.filter(|limit_px| camera.rms_px > *limit_px) {

@@ -1,7 +1,7 @@
-//! Photos of a chessboard by a camera that is known exactly, for the calibration on the ground.
+//! Photos of a chessboard or `ChArUco` board by a camera that is known exactly, for the calibration on the ground.
 //!
 //! Seed, model and size give one camera and its photos: a lens as a HERO4's, drawn anew for every seed, boards all over the
-//! photo and tilted by turns. Beside the photos lies the truth: the camera, each board's pose and the exact pixels of its corners.
+//! photo and tilted by turns, wholly in view or not. Beside the photos lies the truth: the camera, each board's pose and the exact pixels of its corners.
 
 mod picture;
 mod place;
@@ -9,6 +9,7 @@ mod place;
 use std::path::Path;
 
 use adit_geometry::camera::{Camera, Distortion};
+use adit_geometry::charuco::Dictionary;
 use adit_protocol::mission::CameraConfig;
 use nalgebra::{Isometry3, Vector2, Vector3};
 use rayon::prelude::*;
@@ -44,6 +45,10 @@ pub enum LensModel {
 pub struct BoardOptions {
     /// The lens's model.
     pub model: LensModel,
+    /// The markers in the white squares, if any.
+    pub charuco: Option<Dictionary>,
+    /// Least share of a board's corners in view, 0..=1.
+    pub in_view: f64,
     /// How many photos.
     pub photos: u32,
     /// Seed of camera, poses and noise.
@@ -90,6 +95,8 @@ pub struct BoardTruth {
     pub corners: [usize; 2],
     /// Edge of a square.
     pub square_m: f64,
+    /// The markers in the white squares, if any.
+    pub charuco: Option<Dictionary>,
     /// The camera: `fx fy cx cy`, then the distortion in the model's order.
     pub intrinsics: Vec<f64>,
     /// Its model.
@@ -107,8 +114,8 @@ pub struct TruePhoto {
     pub rotvec_rad: [f64; 3],
     /// See `rotvec_rad`.
     pub translation_m: [f64; 3],
-    /// Exact pixels of the corners, row by row.
-    pub corners_px: Vec<[f64; 2]>,
+    /// Exact pixels of the corners, row by row; null for those out of view.
+    pub corners_px: Vec<Option<[f64; 2]>>,
 }
 
 /// Renders photos of a board into `out/DCIM` and the truth into `out/truth`; `after_each` is called after each photo.
@@ -120,15 +127,21 @@ pub fn make_board_photos(
     options: &BoardOptions,
     after_each: &(dyn Fn() + Sync),
 ) -> Result<BoardTruth, BoardError> {
-    for (name, value, most) in [("blur_px", options.blur_px, 5.0), ("noise_levels", options.noise_levels, 50.0)] {
+    let ranges = [
+        ("blur_px", options.blur_px, 5.0),
+        ("noise_levels", options.noise_levels, 50.0),
+        ("in_view", options.in_view, 1.0),
+    ];
+    for (name, value, most) in ranges {
         if !(0.0..=most).contains(&value) {
             return Err(BoardError::OutOfRange { name, value, most });
         }
     }
     let camera = camera(options);
     let mut random = Random::numbered(options.seed, Stream::Board, 1);
-    let poses: Vec<Isometry3<f64>> =
-        (0..options.photos as usize).map(|index| place::cam_from_board(&camera, index, &mut random)).collect();
+    let poses: Vec<Isometry3<f64>> = (0..options.photos as usize)
+        .map(|index| place::cam_from_board(&camera, index, options.in_view, &mut random))
+        .collect();
     let photos = poses.par_iter().enumerate().map(|(index, pose)| {
         let place = CardPlace::new(1, index as u32);
         let picture = PictureOptions {
@@ -136,7 +149,7 @@ pub fn make_board_photos(
             noise_levels: options.noise_levels as f32,
             seed: crate::scene::noise::derive_seed(options.seed, index as u64),
         };
-        let image = picture::photo(&camera, pose, &picture);
+        let image = picture::photo(&camera, pose, options.charuco, &picture);
         let taken = ExifTime(FIRST_PHOTO + 10 * index as i64);
         write_file(&place.path_on(out), &encode_photo(&image, JPEG_QUALITY, 0.01, taken)?)?;
         after_each();
@@ -144,7 +157,7 @@ pub fn make_board_photos(
             photo: place.name,
             rotvec_rad: pose.rotation.scaled_axis().into(),
             translation_m: pose.translation.vector.into(),
-            corners_px: corners(&camera, pose).map(Into::into).collect(),
+            corners_px: corners(&camera, pose).map(|corner| corner.map(Into::into)).collect(),
         })
     });
     let truth = BoardTruth {
@@ -153,6 +166,7 @@ pub fn make_board_photos(
         seed: options.seed,
         corners: CORNERS,
         square_m: SQUARE_M,
+        charuco: options.charuco,
         intrinsics: intrinsics(&camera),
         model: options.model,
         photos: photos.collect::<Result<_, BoardError>>()?,
@@ -196,11 +210,12 @@ fn intrinsics(camera: &Camera<f64>) -> Vec<f64> {
     [&camera.focal_px[..], &camera.centre_px, distortion].concat()
 }
 
-/// Exact pixels of a board's corners, row by row; those that the camera cannot see are left out.
-fn corners(camera: &Camera<f64>, cam_from_board: &Isometry3<f64>) -> impl Iterator<Item = Vector2<f64>> {
+/// Exact pixels of a board's corners, row by row; `None` for those out of view.
+fn corners(camera: &Camera<f64>, cam_from_board: &Isometry3<f64>) -> impl Iterator<Item = Option<Vector2<f64>>> {
     let [columns, rows] = CORNERS;
-    (0..columns * rows).filter_map(move |index| {
+    (0..columns * rows).map(move |index| {
         let place = Vector3::new((index % columns) as f64, (index / columns) as f64, 0.0) * SQUARE_M;
-        camera.project(&(cam_from_board.rotation * place + cam_from_board.translation.vector))
+        let seen = camera.project(&(cam_from_board.rotation * place + cam_from_board.translation.vector));
+        seen.filter(|seen| camera.contains(seen, 0.0))
     })
 }

@@ -4,6 +4,7 @@
 //! coordinates are interpolated (they bend by less than a thousandth of a pixel within one). Blur acts on light, before the sRGB curve.
 
 use adit_geometry::camera::Camera;
+use adit_geometry::charuco::{Dictionary, marker_in};
 use nalgebra::{Isometry3, Vector2};
 
 use super::{CORNERS, SQUARE_M};
@@ -19,6 +20,8 @@ const PAPER: f32 = 0.75;
 const WALL: f32 = 0.35;
 /// White around the squares, in squares.
 const RIM: f64 = 0.8;
+/// Side of a marker with its frame, in squares.
+const MARKER: f64 = 0.75;
 /// Light at the photo's left border against the right one's, as a share.
 const FALL_OFF: f32 = 0.35;
 
@@ -28,7 +31,12 @@ pub(super) struct PictureOptions {
     pub(super) seed: u64,
 }
 
-pub(super) fn photo(camera: &Camera<f64>, cam_from_board: &Isometry3<f64>, options: &PictureOptions) -> RgbImage {
+pub(super) fn photo(
+    camera: &Camera<f64>,
+    cam_from_board: &Isometry3<f64>,
+    charuco: Option<Dictionary>,
+    options: &PictureOptions,
+) -> RgbImage {
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
     let places = places(camera, cam_from_board);
     let mut light = vec![0.0; width * height];
@@ -36,7 +44,7 @@ pub(super) fn photo(camera: &Camera<f64>, cam_from_board: &Isometry3<f64>, optio
         for (column, value) in line.iter_mut().enumerate() {
             let at = |c: usize, r: usize| places[(row + r) * (width + 1) + column + c];
             let lamp = 1.0 - FALL_OFF * column as f32 / width as f32;
-            *value = lamp * seen([at(0, 0), at(1, 0), at(0, 1), at(1, 1)]);
+            *value = lamp * seen([at(0, 0), at(1, 0), at(0, 1), at(1, 1)], charuco);
         }
     }
     blur(&mut light, width, options.blur_px);
@@ -63,42 +71,63 @@ fn places(camera: &Camera<f64>, cam_from_board: &Isometry3<f64>) -> Vec<Option<V
 }
 
 /// Mean light of a pixel whose corners see these places.
-fn seen(corners: [Option<Vector2<f64>>; 4]) -> f32 {
+fn seen(corners: [Option<Vector2<f64>>; 4], charuco: Option<Dictionary>) -> f32 {
     let [Some(a), Some(b), Some(c), Some(d)] = corners else { return WALL };
-    let cells = [a, b, c, d].map(cell);
+    let cells = [a, b, c, d].map(|place| cell(place, charuco));
     if cells.iter().all(|other| *other == cells[0]) {
-        return light_of(a);
+        return light_of(cells[0], charuco);
     }
     let share = |index: usize| (index as f64 + 0.5) / SAMPLES as f64;
     let mut sum = 0.0;
     for row in 0..SAMPLES {
         let (left, right) = (a.lerp(&c, share(row)), b.lerp(&d, share(row)));
         for column in 0..SAMPLES {
-            sum += light_of(left.lerp(&right, share(column)));
+            sum += light_of(cell(left.lerp(&right, share(column)), charuco), charuco);
         }
     }
     sum / (SAMPLES * SAMPLES) as f32
 }
 
-/// The square that a place lies in; the rim and the wall count as squares too.
-fn cell(place: Vector2<f64>) -> [i64; 2] {
+/// What is of one brightness.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Cell {
+    /// Column and row; -1 and one beyond the last are the rim, the least number is the wall.
+    square: [i64; 2],
+    /// Column and row of the marker's cell, its frame at 0; -1 and below or beyond the frame for the white around it.
+    in_marker: [i64; 2],
+}
+
+fn cell(place: Vector2<f64>, charuco: Option<Dictionary>) -> Cell {
     let across = |value: f64, squares: usize| {
         let squares = squares as f64;
         if value < -RIM || value > squares + RIM { i64::MIN } else { value.clamp(-1.0, squares).floor() as i64 }
     };
-    [across(place.x, CORNERS[0] + 1), across(place.y, CORNERS[1] + 1)]
+    let in_marker = charuco.map_or([0; 2], |dictionary| {
+        let cells = (dictionary.side() + 2) as f64;
+        let across = |value: f64| ((value.rem_euclid(1.0) - 0.5) / MARKER + 0.5) * cells;
+        [place.x, place.y].map(|value| across(value).clamp(-1.0, cells).floor() as i64)
+    });
+    Cell { square: [across(place.x, CORNERS[0] + 1), across(place.y, CORNERS[1] + 1)], in_marker }
 }
 
-fn light_of(place: Vector2<f64>) -> f32 {
-    let [column, row] = cell(place);
-    let on_squares = (0..=CORNERS[0] as i64).contains(&column) && (0..=CORNERS[1] as i64).contains(&row);
+fn light_of(Cell { square: [column, row], in_marker }: Cell, charuco: Option<Dictionary>) -> f32 {
     if column == i64::MIN || row == i64::MIN {
-        WALL
-    } else if on_squares && (column + row) % 2 == 0 {
-        DARK
-    } else {
-        PAPER
+        return WALL;
     }
+    let on_squares = (0..=CORNERS[0] as i64).contains(&column) && (0..=CORNERS[1] as i64).contains(&row);
+    let is_dark = || (column + row) % 2 == 0 || is_dark_in_marker([column, row], in_marker, charuco);
+    if on_squares && is_dark() { DARK } else { PAPER }
+}
+
+fn is_dark_in_marker([column, row]: [i64; 2], [x, y]: [i64; 2], charuco: Option<Dictionary>) -> bool {
+    let code = |dictionary: Dictionary| dictionary.code(marker_in(column as usize, row as usize, CORNERS[0] + 1)?);
+    let Some((dictionary, code)) = charuco.and_then(|dictionary| Some((dictionary, code(dictionary)?))) else {
+        return false;
+    };
+    let side = dictionary.side() as i64;
+    let on_marker = [x, y].iter().all(|place| (0..side + 2).contains(place));
+    let on_frame = [x, y].iter().any(|place| *place == 0 || *place == side + 1);
+    on_marker && (on_frame || code >> (side * side - 1 - ((y - 1) * side + x - 1)) & 1 == 0)
 }
 
 /// Gaussian blur, the border repeated.
@@ -156,7 +185,7 @@ mod tests {
         // The fifth corner of the third row at the centre of pixel (100, 75).
         let pose =
             Isometry3::new(Vector3::new(0.5 / 90.0 * 0.12 - 0.1, 0.5 / 90.0 * 0.12 - 0.05, 0.12), Vector3::zeros());
-        let image = photo(&camera, &pose, &PictureOptions { blur_px: 0.8, noise_levels: 0.0, seed: 1 });
+        let image = photo(&camera, &pose, None, &PictureOptions { blur_px: 0.8, noise_levels: 0.0, seed: 1 });
         let level = |column: usize, row: usize| i32::from(image.data[(row * 200 + column) * 3]);
         for (dx, dy) in [(3, 0), (2, 5), (4, 4), (1, 1), (6, 2)] {
             let (one, other) = (level(100 + dx, 75 + dy), level(100 - dx, 75 - dy));
@@ -164,6 +193,17 @@ mod tests {
             assert!((one - other).abs() <= 8, "{dx} {dy}: {one} {other}");
         }
         assert!((level(104, 79) - level(104, 71)).abs() > 80);
+    }
+
+    #[test]
+    fn a_marker_is_drawn_in_its_square_within_its_frame() {
+        let dictionary = Some(Dictionary::Side4);
+        let light = |x: f64, y: f64| light_of(cell(Vector2::new(x, y), dictionary), dictionary);
+        // The second square of the first row holds marker 0, whose first row is 1011.
+        let middle = |place: u32| 0.5 + MARKER * ((f64::from(place) + 0.5) / 6.0 - 0.5);
+        let first_row: Vec<f32> = (0..6).map(|column| light(1.0 + middle(column), middle(1))).collect();
+        assert_eq!(first_row, [DARK, PAPER, DARK, PAPER, PAPER, DARK]);
+        assert_eq!([light(1.05, 0.5), light(0.5, 0.5), light(-0.5, 0.5), light(-2.0, 0.5)], [PAPER, DARK, PAPER, WALL]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Where boards are held: all over the photo, tilted by turns, wholly in view.
+//! Where boards are held: all over the photo, tilted by turns, as much in view as asked for.
 
 use std::f64::consts::TAU;
 
@@ -20,7 +20,7 @@ const MARGIN: f64 = 0.025;
 const PATIENCE: usize = 60;
 
 /// Draws the pose `cam_from_board` of a photo: its middle in one of nine parts of the photo, by turns.
-pub(super) fn cam_from_board(camera: &Camera<f64>, index: usize, random: &mut Random) -> Isometry3<f64> {
+pub(super) fn cam_from_board(camera: &Camera<f64>, index: usize, in_view: f64, random: &mut Random) -> Isometry3<f64> {
     let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
     let board_m = (CORNERS[0] - 1) as f64 * SQUARE_M;
     let mut farther = 1.0;
@@ -38,7 +38,7 @@ pub(super) fn cam_from_board(camera: &Camera<f64>, index: usize, random: &mut Ra
             let middle = Vector3::new((CORNERS[0] - 1) as f64, (CORNERS[1] - 1) as f64, 0.0) * (0.5 * SQUARE_M);
             let translation = ray.normalize() * distance_m - rotation * middle;
             let pose = Isometry3::from_parts(Translation3::from(translation), rotation);
-            if is_in_view(camera, &pose) {
+            if is_in_view(camera, &pose, in_view) {
                 return pose;
             }
         }
@@ -46,8 +46,9 @@ pub(super) fn cam_from_board(camera: &Camera<f64>, index: usize, random: &mut Ra
     }
 }
 
-fn is_in_view(camera: &Camera<f64>, pose: &Isometry3<f64>) -> bool {
-    let margin_px = MARGIN * f64::from(camera.width_px);
-    let seen: Vec<Vector2<f64>> = corners(camera, pose).collect();
-    seen.len() == CORNERS[0] * CORNERS[1] && seen.iter().all(|corner| camera.contains(corner, margin_px))
+/// All corners, and these with a margin, or at least such a share of them.
+fn is_in_view(camera: &Camera<f64>, pose: &Isometry3<f64>, share: f64) -> bool {
+    let margin_px = if share < 1.0 { 0.0 } else { MARGIN * f64::from(camera.width_px) };
+    let seen = corners(camera, pose).flatten().filter(|corner| camera.contains(corner, margin_px)).count();
+    seen as f64 >= share * (CORNERS[0] * CORNERS[1]) as f64
 }

@@ -18,8 +18,9 @@ use crate::shell::{run, top};
 const SAMPLE: &str = "gopro-hero4-chessboard";
 /// Simulated ones, where the true camera is known.
 const MODELS: [&str; 2] = ["brown-conrady", "kannala-brandt"];
-/// The board of all of them.
+/// The boards: plain, and with markers, which are photographed in part.
 const BOARD: &str = "8x6";
+const CHARUCO: &str = "charuco:8x6:DICT_4X4_50";
 
 /// `cargo xtask bench-calibration`.
 pub(crate) fn bench_calibration(out: &Path) -> Result<()> {
@@ -28,20 +29,26 @@ pub(crate) fn bench_calibration(out: &Path) -> Result<()> {
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let mut sets = Vec::new();
     match sample_path(SAMPLE) {
-        Some(folder) => sets.push((SAMPLE, folder, Value::Null)),
+        Some(folder) => sets.push((SAMPLE.to_owned(), BOARD, folder, Value::Null)),
         None => eprintln!("xtask: {SAMPLE}: skipped, no shared/samples beside or above the checkout"),
     }
     for model in MODELS {
-        let folder = top().join("target/bench-sets").join(format!("board-{model}"));
-        run(&program("adit-sim"), &["board", "--model", model, "--out", &text(&folder), "--force"])?;
-        let truth = fs::read_to_string(folder.join("truth/board.json")).context("truth/board.json")?;
-        sets.push((model, folder.join("DCIM"), serde_json::from_str(&truth)?));
+        for (board, more) in [(BOARD, &[][..]), (CHARUCO, &["--charuco", "4x4", "--in-view", "0.35"])] {
+            let name = format!("{}-{model}", if board == BOARD { "board" } else { "charuco" });
+            let folder = top().join("target/bench-sets").join(&name);
+            run(
+                &program("adit-sim"),
+                &[&["board", "--model", model, "--out", &text(&folder), "--force"], more].concat(),
+            )?;
+            let truth = fs::read_to_string(folder.join("truth/board.json")).context("truth/board.json")?;
+            sets.push((name, board, folder.join("DCIM"), serde_json::from_str(&truth)?));
+        }
     }
     let mut table = String::from(HEADER);
     let mut figures = Vec::new();
-    for (name, photos, truth) in sets {
-        for (who, outcome) in [("ours", ours(&photos)?), ("OpenCV", peers(&photos)?)] {
-            row(&mut table, name, who, &outcome, &truth);
+    for (name, board, photos, truth) in sets {
+        for (who, outcome) in [("ours", ours(&photos, board)?), ("OpenCV", peers(&photos, board)?)] {
+            row(&mut table, &name, who, &outcome, &truth);
             figures.push(json!({ "set": name, "who": who, "figures": outcome }));
         }
     }
@@ -53,27 +60,30 @@ pub(crate) fn bench_calibration(out: &Path) -> Result<()> {
 }
 
 const HEADER: &str = "\
-| photos | who | boards | brown-conrady px | fx | fy | off by sigma | kannala-brandt px | fx | fy | s |
-|---|---|---|---|---|---|---|---|---|---|---|
+| photos | who | boards | corners | brown-conrady px | fx | fy | off by sigma | kannala-brandt px | fx | fy | s |
+|---|---|---|---|---|---|---|---|---|---|---|---|
 ";
 
 /// Our figures under the peer's names; both models of one run.
-fn ours(photos: &Path) -> Result<Value> {
+fn ours(photos: &Path, board: &str) -> Result<Value> {
     let started = Instant::now();
     let found =
-        output(&program("adit"), &["calibrate", &text(photos), "--board", BOARD, "--json", "--threads", THREADS])?;
+        output(&program("adit"), &["calibrate", &text(photos), "--board", board, "--json", "--threads", THREADS])?;
     let seconds = started.elapsed().as_secs_f64();
+    let photos = found["photos"].as_array().into_iter().flatten();
+    let corners: u64 = photos.filter_map(|photo| photo["corners_used"].as_u64()).sum();
     Ok(json!({
         "boards": found["camera"]["photos_used"],
         "photos": found["photos_found"],
+        "corners": corners,
         "seconds": seconds,
         "brown-conrady": found["camera"],
         "kannala-brandt": found["other_model"],
     }))
 }
 
-fn peers(photos: &Path) -> Result<Value> {
-    output(&python(), &[&script("opencv.py"), &text(photos), BOARD])
+fn peers(photos: &Path, board: &str) -> Result<Value> {
+    output(&python(), &[&script("opencv.py"), &text(photos), board])
 }
 
 fn output(name: &str, arguments: &[&str]) -> Result<Value> {
@@ -94,9 +104,10 @@ fn row(table: &mut String, name: &str, who: &str, outcome: &Value, truth: &Value
     // Writing to a string cannot fail.
     let _ = writeln!(
         table,
-        "| {name} | {who} | {} of {} | {:.4} | {:.2} | {:.2} | {} | {:.4} | {:.2} | {:.2} | {:.2} |",
+        "| {name} | {who} | {} of {} | {} | {:.4} | {:.2} | {:.2} | {} | {:.4} | {:.2} | {:.2} | {:.2} |",
         outcome["boards"],
         outcome["photos"],
+        outcome["corners"],
         number("brown-conrady", "rms_px"),
         number("brown-conrady", "fx_px"),
         number("brown-conrady", "fy_px"),

@@ -10,6 +10,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector2;
 
+use super::super::{Board, Pattern};
 use super::saddle::{Field, LEAST_CONTRAST, Saddle};
 
 /// A corner lies within this share of a step from where it is expected.
@@ -20,12 +21,15 @@ const CONE_RAD: f64 = 0.45;
 const NEAREST: usize = 24;
 /// Contrast across an edge against that of its corners.
 const EDGE_SHARE: f64 = 0.25;
+/// The sides of an edge are looked at so far beside it, in squares; markers leave less white.
+const BESIDE: f64 = 0.15;
+const BESIDE_MARKERS: f64 = 0.06;
 /// Seeds tried before giving up.
 const SEEDS: usize = 60;
 /// A hole in a grid is filled by a corner of this share of the contrast asked for elsewhere.
 const FAINT: f64 = 0.5;
 
-type Cell = [i32; 2];
+pub(super) type Cell = [i32; 2];
 const STEPS: [Cell; 4] = [[1, 0], [0, 1], [-1, 0], [0, -1]];
 
 /// Corners by cell: neighbours in the grid are neighbours on the board.
@@ -36,7 +40,7 @@ pub(super) struct Grid {
 
 impl Grid {
     /// Smallest and largest cell.
-    fn bounds(&self) -> [Cell; 2] {
+    pub(super) fn bounds(&self) -> [Cell; 2] {
         self.corners.keys().fold([[i32::MAX; 2], [i32::MIN; 2]], |[low, high], cell| {
             [[0, 1].map(|axis| low[axis].min(cell[axis])), [0, 1].map(|axis| high[axis].max(cell[axis]))]
         })
@@ -51,40 +55,47 @@ impl Grid {
         [0, 1].map(|axis| (high[axis] - low[axis] + 1) as usize)
     }
 
-    /// Corners of the full window of `columns` x `rows` in row order, if there is exactly one (also lying on its side).
-    pub(super) fn window(&self, [columns, rows]: [usize; 2]) -> Option<Vec<Vector2<f64>>> {
-        let [low, high] = self.bounds();
-        let mut found = HashSet::new();
-        let mut corners = None;
-        for turned in [false, true] {
-            for x in low[0]..=high[0] {
-                for y in low[1]..=high[1] {
-                    let cell =
-                        |column: i32, row: i32| if turned { [x + row, y + column] } else { [x + column, y + row] };
-                    let cells = (0..rows as i32).flat_map(|row| (0..columns as i32).map(move |column| (column, row)));
-                    let window: Option<Vec<_>> =
-                        cells.map(|(column, row)| self.corners.get(&cell(column, row)).copied()).collect();
-                    // A square board fits both ways; that is one window.
-                    if window.is_some() && found.insert([x, y]) {
-                        corners = window;
-                    }
-                }
-            }
+    /// The same corners after so many quarter turns of the cells clockwise.
+    pub(super) fn turned(&self, turns: u8) -> Self {
+        Self { corners: self.corners.iter().map(|(cell, at)| (Self::turned_cell(*cell, turns), *at)).collect() }
+    }
+
+    pub(super) fn turned_cell([x, y]: Cell, turns: u8) -> Cell {
+        match turns % 4 {
+            0 => [x, y],
+            1 => [-y, x],
+            2 => [-x, -y],
+            _ => [y, -x],
         }
-        corners.filter(|_| found.len() == 1)
+    }
+
+    /// With columns and rows in the sense of a board seen from its front.
+    fn seen_from_front(self) -> Self {
+        let way = |step: Cell| {
+            let ways = self.corners.iter().filter_map(|(cell, at)| Some(self.corners.get(&add(*cell, step))? - at));
+            ways.sum::<Vector2<f64>>()
+        };
+        if way([1, 0]).perp(&way([0, 1])) > 0.0 {
+            return self;
+        }
+        Self { corners: self.corners.into_iter().map(|([x, y], at)| ([y, x], at)).collect() }
     }
 }
 
-/// The largest grid among the saddles; `wanted` corners are enough.
-pub(super) fn largest_grid(field: &Field, saddles: &[Saddle], wanted: usize) -> Grid {
-    let grower = Grower { field, saddles };
+/// The largest grid among the saddles; as many corners as the board has are enough.
+pub(super) fn largest_grid(field: &Field, saddles: &[Saddle], board: &Board) -> Grid {
+    let beside = match board.pattern {
+        Pattern::Chessboard => BESIDE,
+        Pattern::Charuco(_) => BESIDE_MARKERS,
+    };
+    let grower = Grower { field, saddles, beside };
     let mut seeds: Vec<usize> = (0..saddles.len()).collect();
     seeds.sort_by(|a, b| saddles[*b].contrast.total_cmp(&saddles[*a].contrast));
     let mut seen = HashSet::new();
     let mut best = Grid::default();
     let mut tries = 0;
     for seed in seeds {
-        if tries == SEEDS || best.corners.len() >= wanted {
+        if tries == SEEDS || best.corners.len() >= board.corners() {
             break;
         }
         if seen.contains(&seed) {
@@ -99,12 +110,14 @@ pub(super) fn largest_grid(field: &Field, saddles: &[Saddle], wanted: usize) -> 
             best = grid;
         }
     }
-    best
+    best.seen_from_front()
 }
 
 struct Grower<'a> {
     field: &'a Field,
     saddles: &'a [Saddle],
+    /// How far beside an edge its two sides are looked at, in squares.
+    beside: f64,
 }
 
 impl Grower<'_> {
@@ -202,7 +215,7 @@ impl Grower<'_> {
     fn is_edge(&self, from: usize, to: usize) -> bool {
         let (from, to) = (&self.saddles[from], &self.saddles[to]);
         let way = to.at - from.at;
-        let side = Vector2::new(-way.y, way.x) * 0.15;
+        let side = Vector2::new(-way.y, way.x) * self.beside;
         let across = |share: f64| {
             let on = from.at + way * share;
             Some(self.field.value(on + side)? - self.field.value(on - side)?)
@@ -231,7 +244,7 @@ fn predicted(place: &impl Fn(&Cell) -> Option<Vector2<f64>>, cell: Cell, step: C
     Some((here + way, way.norm()))
 }
 
-fn add(cell: Cell, step: Cell) -> Cell {
+pub(super) fn add(cell: Cell, step: Cell) -> Cell {
     [cell[0] + step[0], cell[1] + step[1]]
 }
 

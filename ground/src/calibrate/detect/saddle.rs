@@ -9,6 +9,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::super::Pattern;
 use crate::features::blurred;
 use crate::raster::Grey;
 
@@ -18,8 +19,9 @@ const BLUR: f32 = 1.2;
 const APART: usize = 3;
 /// Samples of a ring.
 const RING: usize = 32;
-/// Radii tried, the wider first: it is the less noisy one, the narrower fits small squares.
+/// Radii tried, the wider first: it is the less noisy one, the narrower fits small squares, the third the white between markers.
 const RADII: [f64; 2] = [5.0, 3.5];
+const RADII_BETWEEN_MARKERS: [f64; 3] = [5.0, 3.5, 2.5];
 /// Least difference between the bright and the dark sectors, grey levels.
 pub(super) const LEAST_CONTRAST: f64 = 12.0;
 /// Opposite changes are half a turn apart within this; the ring's centre is a sample or less off the corner.
@@ -43,17 +45,22 @@ pub(super) struct Saddle {
 /// An image made ready to look for saddles.
 pub(super) struct Field {
     image: Grey,
+    radii: &'static [f64],
 }
 
 impl Field {
-    pub(super) fn new(image: &Grey) -> Self {
-        Self { image: blurred(image, BLUR) }
+    pub(super) fn new(image: &Grey, pattern: Pattern) -> Self {
+        let radii: &[f64] = match pattern {
+            Pattern::Chessboard => &RADII,
+            Pattern::Charuco(_) => &RADII_BETWEEN_MARKERS,
+        };
+        Self { image: blurred(image, BLUR), radii }
     }
 
     /// Every saddle with the look of a chessboard's corner.
     pub(super) fn saddles(&self) -> Vec<Saddle> {
         let (width, height) = (self.image.width, self.image.height);
-        let border = APART + RADII[1].ceil() as usize;
+        let border = APART + self.radii.iter().fold(f64::MAX, |least, radius| least.min(*radius)).ceil() as usize;
         if width.min(height) <= 2 * border {
             return Vec::new();
         }
@@ -94,7 +101,7 @@ impl Field {
                 return None;
             }
         }
-        RADII.iter().find_map(|&radius| self.judged(at, radius)).filter(|saddle| saddle.contrast >= least_contrast)
+        self.radii.iter().find_map(|&radius| self.judged(at, radius)).filter(|saddle| saddle.contrast >= least_contrast)
     }
 
     /// The value between samples; `None` beyond them.
@@ -214,7 +221,7 @@ mod tests {
     fn a_crossing_is_found_once_with_its_lines_whatever_its_contrast() {
         for contrast in [25.0, 150.0] {
             let wanted = [0.2, 1.3];
-            let found = Field::new(&crossing(wanted, contrast)).saddles();
+            let found = Field::new(&crossing(wanted, contrast), Pattern::Chessboard).saddles();
             assert_eq!(found.len(), 1, "{found:?}");
             assert!((found[0].at - Vector2::new(20.3, 19.6)).norm() < 0.3, "{found:?}");
             for line in wanted {
@@ -238,7 +245,7 @@ mod tests {
             }
         }
         for image in [edge, square, spot, crossing([0.2, 1.3], 6.0)] {
-            assert!(Field::new(&image).saddles().is_empty());
+            assert!(Field::new(&image, Pattern::Chessboard).saddles().is_empty());
         }
     }
 }

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, SMatrix, SVector, Translation3, Un
 /// The homography `image_from_plane`, in the least-squares sense of the direct linear transform with normalised coordinates
 /// (Hartley and Zisserman, "Multiple View Geometry", 2nd ed., algorithm 4.2); `None` of fewer than four points or of points
 /// on a line.
-pub(super) fn homography(plane: &[Vector2<f64>], image: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
+pub(in super::super) fn homography(plane: &[Vector2<f64>], image: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     if plane.len() < 4 {
         return None;
     }

@@ -5,20 +5,26 @@ mod solver;
 mod start;
 
 use adit_geometry::camera::{Camera, Distortion};
-use nalgebra::{Isometry3, Vector2, Vector3};
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Board, Model};
+use super::detect::LEAST_CORNERS;
+use super::{Board, Corner, Model};
 use crate::adjust::median;
 use crate::survey::Size;
-use solver::{Estimate, FINE, INTRINSICS, Sighting, cost, minimise, parameters, squares, unit_covariance, values};
+pub(super) use homography::homography;
+use solver::{
+    Estimate, FINE, INTRINSICS, Sighting, cost, errors, minimise, parameters, squares, unit_covariance, values,
+};
 
 /// Fewer photos do not determine a camera.
 pub(super) const LEAST_PHOTOS: usize = 3;
 /// A photo whose root mean square error is so many times the median photo's, and above the floor, is an outlier.
 const OUTLIER_TIMES: f64 = 3.0;
 const OUTLIER_FLOOR_PX: f64 = 0.5;
+/// A corner whose error is so many times the median corner's is one: of normal errors one in ten billion.
+const CORNER_TIMES: f64 = 6.0;
 /// Enough for a fit without one photo, whose start is all but its end.
 const JACKKNIFE: f64 = 1e-7;
 
@@ -44,7 +50,9 @@ pub struct FittedPhoto {
     pub index: usize,
     /// The board's pose: x along its rows, y down its columns, origin in the first corner.
     pub cam_from_board: Isometry3<f64>,
-    /// Root mean square error.
+    /// Corners that were used.
+    pub corners: usize,
+    /// Their root mean square error.
     pub rms_px: f64,
 }
 
@@ -78,17 +86,19 @@ impl From<[f64; INTRINSICS]> for IntrinsicSigmas {
     }
 }
 
-/// Fits a camera to the corners of several photos, each in the order of [`super::find_corners`].
+/// Fits a camera to the corners of several photos, as [`super::find_corners`] returns them.
 ///
 /// `None` if fewer than three photos are given, or nothing can be fitted to them (no board is tilted).
 ///
 /// # Method
 /// Least squares over intrinsics and poses, all corners alike; photos whose own error is three times the median photo's (and
-/// above half a pixel) are left out and the rest is fitted again.
-pub fn fit_camera(photos: &[Vec<Vector2<f64>>], board: &Board, size: Size, model: Model) -> Option<Fit> {
-    let places: Vec<Vector3<f64>> = board.places().collect();
-    let sightings: Vec<Sighting> =
-        photos.iter().map(|corners| Sighting { board: places.clone(), pixels: corners.clone() }).collect();
+/// above half a pixel) are left out and the rest is fitted again; then corners off by six times the median corner's error.
+pub fn fit_camera(photos: &[Vec<Corner>], board: &Board, size: Size, model: Model) -> Option<Fit> {
+    let sighting = |corners: &Vec<Corner>| Sighting {
+        board: corners.iter().map(|corner| board.place(corner.number)).collect(),
+        pixels: corners.iter().map(|corner| corner.pixel).collect(),
+    };
+    let mut sightings: Vec<Sighting> = photos.iter().map(sighting).collect();
     let mut used: Vec<usize> = (0..photos.len()).collect();
     let mut outliers = Vec::new();
     loop {
@@ -100,7 +110,7 @@ pub fn fit_camera(photos: &[Vec<Vector2<f64>>], board: &Board, size: Size, model
         let errors: Vec<f64> = chosen
             .iter()
             .zip(&estimate.cam_from_board)
-            .map(|(sighting, pose)| (squares(&estimate.camera, pose, sighting) / places.len() as f64).sqrt())
+            .map(|(sighting, pose)| (squares(&estimate.camera, pose, sighting) / sighting.pixels.len() as f64).sqrt())
             .collect();
         let limit_px = (OUTLIER_TIMES * median(&errors)).max(OUTLIER_FLOOR_PX);
         let worst = (0..errors.len()).max_by(|a, b| errors[*a].total_cmp(&errors[*b]))?;
@@ -108,14 +118,18 @@ pub fn fit_camera(photos: &[Vec<Vector2<f64>>], board: &Board, size: Size, model
             outliers.push((used.remove(worst), errors[worst]));
             continue;
         }
+        if leave_out_corners(&mut sightings, &used, &estimate) {
+            continue;
+        }
         let photos = (0..used.len()).map(|at| FittedPhoto {
             index: used[at],
             cam_from_board: estimate.cam_from_board[at],
+            corners: chosen[at].pixels.len(),
             rms_px: errors[at],
         });
         return Some(Fit {
             camera: estimate.camera,
-            rms_px: (2.0 * cost(&estimate, &chosen) / (chosen.len() * places.len()) as f64).sqrt(),
+            rms_px: (2.0 * cost(&estimate, &chosen) / count(&chosen) as f64).sqrt(),
             sigmas: Sigmas {
                 formal: formal(&estimate, &chosen)?.into(),
                 jackknife: jackknife(&estimate, &chosen).into(),
@@ -124,6 +138,28 @@ pub fn fit_camera(photos: &[Vec<Vector2<f64>>], board: &Board, size: Size, model
             outliers,
         });
     }
+}
+
+/// Takes the corners out of the photos used that are off by many times the median corner's error; tells whether there were any.
+fn leave_out_corners(sightings: &mut [Sighting], used: &[usize], estimate: &Estimate) -> bool {
+    let errors: Vec<Vec<f64>> = used
+        .iter()
+        .zip(&estimate.cam_from_board)
+        .map(|(&index, pose)| errors(&estimate.camera, pose, &sightings[index]).collect())
+        .collect();
+    let limit_px = CORNER_TIMES * median(&errors.concat());
+    let mut any = false;
+    for (&index, errors) in used.iter().zip(errors) {
+        let sighting = &mut sightings[index];
+        let good: Vec<usize> = (0..errors.len()).filter(|&corner| errors[corner] <= limit_px).collect();
+        // Of a photo that hardly fits at all no part is chosen.
+        if good.len() < errors.len() && good.len() >= LEAST_CORNERS {
+            any = true;
+            sighting.board = good.iter().map(|&corner| sighting.board[corner]).collect();
+            sighting.pixels = good.iter().map(|&corner| sighting.pixels[corner]).collect();
+        }
+    }
+    any
 }
 
 fn estimated(sightings: &[Sighting], size: Size, model: Model) -> Option<Estimate> {
@@ -139,10 +175,13 @@ fn estimated(sightings: &[Sighting], size: Size, model: Model) -> Option<Estimat
     }
 }
 
+fn count(sightings: &[Sighting]) -> usize {
+    sightings.iter().map(|sighting| sighting.pixels.len()).sum()
+}
+
 fn formal(estimate: &Estimate, sightings: &[Sighting]) -> Option<[f64; INTRINSICS]> {
-    let corners: usize = sightings.iter().map(|sighting| sighting.pixels.len()).sum();
     let unknowns = parameters(&estimate.camera) + 6 * sightings.len();
-    let variance = 2.0 * cost(estimate, sightings) / (2 * corners - unknowns) as f64;
+    let variance = 2.0 * cost(estimate, sightings) / (2 * count(sightings) - unknowns) as f64;
     let covariance = unit_covariance(estimate, sightings)?;
     Some(std::array::from_fn(|index| (variance * covariance[(index, index)]).sqrt()))
 }

@@ -77,11 +77,15 @@ pub(super) fn cost(estimate: &Estimate, sightings: &[Sighting]) -> f64 {
 
 /// Sum of squared errors of a photo.
 pub(super) fn squares(camera: &Camera<f64>, pose: &Isometry3<f64>, sighting: &Sighting) -> f64 {
-    let error = |(board, pixel): (&Vector3<f64>, &Vector2<f64>)| {
+    errors(camera, pose, sighting).map(|error| error * error).sum()
+}
+
+/// Distance of each corner from where the camera sees it; infinite if it does not.
+pub(super) fn errors(camera: &Camera<f64>, pose: &Isometry3<f64>, sighting: &Sighting) -> impl Iterator<Item = f64> {
+    sighting.board.iter().zip(&sighting.pixels).map(|(board, pixel)| {
         let seen = camera.project(&(pose.rotation * board + pose.translation.vector));
-        seen.map_or(f64::INFINITY, |seen| (seen - pixel).norm_squared())
-    };
-    sighting.board.iter().zip(&sighting.pixels).map(error).sum()
+        seen.map_or(f64::INFINITY, |seen| (seen - pixel).norm())
+    })
 }
 
 /// The normal equations of one photo.

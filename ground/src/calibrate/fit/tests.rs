@@ -1,28 +1,34 @@
 //! Fits to corners of a known camera, exact or with normal errors.
 
-use nalgebra::Translation3;
+use nalgebra::{Translation3, Vector2, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
 
+use super::super::Pattern;
 use super::solver::tests::{cameras, exact};
 use super::*;
 
-const BOARD: Board = Board { columns: 8, rows: 6, square_m: 0.03 };
+const BOARD: Board = Board { columns: 8, rows: 6, square_m: 0.03, pattern: Pattern::Chessboard };
 
-fn photos(camera: Camera<f64>, noise_px: f64, seed: u64) -> Vec<Vec<Vector2<f64>>> {
+/// All corners of a board in their order.
+fn numbered(pixels: impl Iterator<Item = Vector2<f64>>) -> Vec<Corner> {
+    pixels.enumerate().map(|(number, pixel)| Corner { number, pixel }).collect()
+}
+
+fn photos(camera: Camera<f64>, noise_px: f64, seed: u64) -> Vec<Vec<Corner>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let normal = Normal::new(0.0, noise_px).unwrap();
     let (_, sightings) = exact(camera);
     let mut noisy = |pixel: &Vector2<f64>| pixel + Vector2::from_fn(|_, _| normal.sample(&mut random));
-    sightings.iter().map(|sighting| sighting.pixels.iter().map(&mut noisy).collect()).collect()
+    sightings.iter().map(|sighting| numbered(sighting.pixels.iter().map(&mut noisy))).collect()
 }
 
 fn size(camera: &Camera<f64>) -> Size {
     Size { width_px: camera.width_px, height_px: camera.height_px }
 }
 
-fn fitted(camera: &Camera<f64>, photos: &[Vec<Vector2<f64>>]) -> Fit {
+fn fitted(camera: &Camera<f64>, photos: &[Vec<Corner>]) -> Fit {
     fit_camera(photos, &BOARD, size(camera), model_of(camera)).unwrap()
 }
 
@@ -50,7 +56,7 @@ fn a_long_lens_and_a_fisheye_of_170_degrees_are_found() {
             *pixel = long.project(&(pose.rotation * place + pose.translation.vector)).unwrap();
         }
     }
-    let corners: Vec<_> = sightings.into_iter().map(|sighting| sighting.pixels).collect();
+    let corners: Vec<_> = sightings.into_iter().map(|sighting| numbered(sighting.pixels.into_iter())).collect();
     let fit = fitted(&long, &corners);
     assert!(fit.rms_px < 1e-4 && (fit.camera.focal_px[0] - 3000.0).abs() < 1.0, "{fit:?}");
 
@@ -90,8 +96,8 @@ fn the_jackknife_agrees_with_the_formal_sigma_where_corners_err_on_their_own_and
     // Each photo has an error of its own that its corners share: a shift across the board.
     let mut bent = photos(camera, 0.02, 5);
     for (index, photo) in bent.iter_mut().enumerate() {
-        for (corner, pixel) in photo.iter_mut().enumerate() {
-            pixel.x += 0.5 * (index as f64).sin() * (corner as f64 % 8.0 - 3.5).powi(2) / 12.0;
+        for (corner, seen) in photo.iter_mut().enumerate() {
+            seen.pixel.x += 0.5 * (index as f64).sin() * (corner as f64 % 8.0 - 3.5).powi(2) / 12.0;
         }
     }
     assert!(ratio(&fitted(&camera, &bent)) > 1.5, "{:?}", fitted(&camera, &bent).sigmas);
@@ -101,8 +107,8 @@ fn the_jackknife_agrees_with_the_formal_sigma_where_corners_err_on_their_own_and
 fn a_photo_that_does_not_fit_the_others_is_left_out_and_named() {
     let [camera, _] = cameras();
     let mut corners = photos(camera, 0.1, 3);
-    for (index, pixel) in corners[4].iter_mut().enumerate() {
-        pixel.x += 9.0 * (index as f64).sin();
+    for (index, seen) in corners[4].iter_mut().enumerate() {
+        seen.pixel.x += 9.0 * (index as f64).sin();
     }
     let fit = fitted(&camera, &corners);
     assert_eq!(fit.outliers.iter().map(|(index, _)| *index).collect::<Vec<_>>(), [4]);
@@ -118,11 +124,26 @@ fn two_photos_and_boards_that_are_never_tilted_give_no_camera_or_one_that_says_h
     let pinhole = Camera { distortion: Distortion::BrownConrady([0.0; 5]), ..camera };
     let flat = |index: u32| {
         let middle = Vector3::new(-0.1 + 0.01 * f64::from(index), -0.08, 0.3);
-        BOARD.places().map(|place| pinhole.project(&(place + middle)).unwrap()).collect::<Vec<_>>()
+        numbered((0..48).map(|corner| pinhole.project(&(BOARD.place(corner) + middle)).unwrap()))
     };
     let flat: Vec<_> = (0..6).map(flat).collect();
     if let Some(fit) = fit_camera(&flat, &BOARD, size(&camera), Model::BrownConrady) {
         let [sigma_px, _] = fit.sigmas.formal.focal_px;
         assert!((fit.camera.focal_px[0] - 560.0).abs() < 4.0 * sigma_px + 1e-3, "{fit:?}");
     }
+}
+
+#[test]
+fn a_corner_far_off_is_left_out_and_parts_of_boards_say_as_much_as_they_have_corners() {
+    let [_, camera] = cameras();
+    let mut corners = photos(camera, 0.05, 3);
+    corners[2][17].pixel.y += 2.0;
+    for (index, photo) in corners.iter_mut().enumerate() {
+        photo.retain(|corner| (corner.number + index) % 3 != 0);
+    }
+    let fit = fitted(&camera, &corners);
+    let counts: Vec<usize> = fit.photos.iter().map(|photo| photo.corners).collect();
+    assert!(counts.iter().enumerate().all(|(index, count)| *count == if index == 2 { 31 } else { 32 }), "{counts:?}");
+    assert!((fit.rms_px / (0.05 * 2.0_f64.sqrt()) - 1.0).abs() < 0.15, "{}", fit.rms_px);
+    assert!((fit.camera.focal_px[0] - camera.focal_px[0]).abs() < 3.5 * fit.sigmas.formal.focal_px[0], "{fit:?}");
 }
