@@ -32,12 +32,12 @@ trait Level: Copy + PartialEq + Default {
 }
 
 impl Level for u8 {
-    #[inline(always)]
+    #[inline]
     fn pair(levels: [Self; 2]) -> u32 {
         u32::from(u16::from_le_bytes(levels))
     }
 
-    #[inline(always)]
+    #[inline]
     fn apart(pair: u32) -> [f32; 2] {
         [(pair & 0xff) as f32, (pair >> 8) as f32]
     }
@@ -48,12 +48,12 @@ impl Level for u8 {
 }
 
 impl Level for u16 {
-    #[inline(always)]
+    #[inline]
     fn pair([left, right]: [Self; 2]) -> u32 {
         u32::from(left) | u32::from(right) << 16
     }
 
-    #[inline(always)]
+    #[inline]
     fn apart(pair: u32) -> [f32; 2] {
         [(pair & 0xffff) as f32, (pair >> 16) as f32]
     }
@@ -308,7 +308,6 @@ fn cubic_weights(t: f32) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
-    use std::borrow::Cow;
 
     use adit_geometry::camera::{Camera, Distortion};
     use adit_geometry::profile::ProfileSpec;

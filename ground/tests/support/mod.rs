@@ -1,6 +1,5 @@
 //! The rendered sample sets with their exact poses, for tests and benches of the matching.
 
-use std::borrow::Cow;
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,5 @@
 //! A small world of its own for the matching: photos of a round tunnel with a texture of noise or of bricks, bulging if wanted.
 
-use std::borrow::Cow;
 use std::f64::consts::TAU;
 
 use adit_geometry::camera::{Camera, Distortion};
