@@ -76,7 +76,9 @@ fn rigs_of_the_samples_are_found_and_the_roll_on_a_circle_is_said_to_be_unknown(
         let [x, _, z] = rig.mount_rotvec_deg;
         for (what, found, truth) in [("x", x, truth.x), ("z", z, truth.z), ("zero", rig.shaft_zero_deg, -truth.y)] {
             let off = (found.value - truth) / found.sigma;
-            assert!(off.abs() < 3.0 && found.sigma < 0.5, "{name}, {what}: {found:?}, truth {truth}");
+            // On a circle nothing but the tags tells the shaft's zero, and its sigma says so.
+            let told = found.sigma < 0.5;
+            assert!(off.abs() < 3.0 && told != (circle && what == "zero"), "{name}, {what}: {found:?}, truth {truth}");
         }
         let lever = rig.lever_radial_m;
         assert!((lever.value - 0.06).abs() < 3.0 * lever.sigma && lever.sigma < 0.02, "{name}: {lever:?}");
