@@ -108,8 +108,9 @@ pub(super) fn changes(
     let grey_b = grey_b.map(&grey_a, |b, a| if a.is_nan() { f32::NAN } else { b });
     let reach = (WINDOW_M / grid.step_m).round() as usize;
     // What has changed must not darken the means of its surroundings: found once, left out, found again.
-    let first = Compared::new(&both, &grey_b, reach, &[]);
-    let compared = Compared::new(&both, &grey_b, reach, &first.changed());
+    let seen = both.seen_share(reach);
+    let first = Compared::new([&both, &grey_b], &seen, reach, &[]);
+    let compared = Compared::new([&both, &grey_b], &seen, reach, &first.changed());
     compared.rows_of(wanted.start - rows.start..wanted.end - rows.start, wanted.start)
 }
 
@@ -125,11 +126,11 @@ struct Compared {
 }
 
 impl Compared {
-    fn new(a: &Rows, b: &Rows, reach: usize, skipped: &[bool]) -> Self {
-        let walls = [a, b].map(|grey| Evened::new(grey, reach, skipped));
+    /// `seen` is [`Rows::seen_share`] of either wall: both show the same places.
+    fn new(walls: [&Rows; 2], seen: &Rows, reach: usize, skipped: &[bool]) -> Self {
+        let walls = walls.map(|grey| Evened::new(grey, reach, skipped));
         let difference = walls[1].value.map(&walls[0].value, |b, a| b - a);
-        let difference =
-            difference.map(&a.seen_share(reach), |value, seen| if seen < LEAST_SEEN { f32::NAN } else { value });
+        let difference = difference.map(seen, |value, seen| if seen < LEAST_SEEN { f32::NAN } else { value });
         let fine = significance(&difference.mean(1), &gradient(&walls[0].value));
         let smooth = difference.mean(FAINT_WINDOW);
         let faint = significance(&smooth, &gradient(&walls[0].value.mean(FAINT_WINDOW)));

@@ -99,7 +99,8 @@ impl TrueRelief {
             let [a, b] = [self.cell(left, row)?, self.cell(left + 1.0, row)?];
             Some(a + (column - left) * (b - a))
         };
-        Some(line(upper)? + (row - upper) * (line(upper + 1.0)? - line(upper)?))
+        let [above, below] = [line(upper)?, line(upper + 1.0)?];
+        Some(above + (row - upper) * (below - above))
     }
 
     /// The same, but `None` near a pipe too.

@@ -149,11 +149,7 @@ impl State {
             {
                 let is_armed = VehicleBeat { autopilot, base_mode, custom_mode }.is_armed();
                 let autopilot = Autopilot::from(autopilot);
-                let name = match autopilot {
-                    Autopilot::ArduPilot => "ArduPilot",
-                    Autopilot::Px4 => "PX4",
-                    Autopilot::Other(_) => "autopilot",
-                };
+                let name = autopilot.name().unwrap_or("autopilot");
                 let mode = autopilot.mode_name(custom_mode);
                 self.autopilot.set(now, Some(AutopilotView { name, mode, is_armed }));
             }

@@ -49,8 +49,8 @@
 //! About 1.3 bytes per texel for each photo held (the band is rounded to bytes, whose products are summed in whole numbers); a
 //! photo is held from its own turn, which comes while the pairs before are searched, until its last partner's. Measured with two
 //! threads on two cores of an EPYC (Zen 4), 50 photos of 0.75 megapixels with eight partners each, decoding and a first adjustment
-//! included: 9 ms a photo in the coarse round, 9 ms in the fine one. What is wide or summed over boxes is worked out on averages of 4 x 4 texels; wide windows are searched
-//! at half the resolution first, at a tenth of the cost. See `benches/ground.rs`.
+//! included: 9 ms a photo in the coarse round, 9 ms in the fine one. What is wide or summed over boxes is worked out on averages of
+//! 4 x 4 texels; wide windows are searched at half the resolution first, at a tenth of the cost. See `benches/ground.rs`.
 
 mod coherence;
 mod config;

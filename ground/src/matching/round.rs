@@ -75,9 +75,7 @@ pub fn match_round<P: Photos + ?Sized>(
     expected.retain(|pair| wanted(pair.photos));
     let last_needed = last_needed(&expected, poses.len());
     let mut views: Views = std::iter::repeat_with(|| None).take(poses.len()).collect();
-    let mut found: Vec<Vec<Found>> = vec![Vec::new(); poses.len()];
-    let mut finished: Vec<Option<Tracks>> = vec![None; poses.len()];
-    let mut next = 0;
+    let mut unfinished = Unfinished::new(poses.len());
     let mut result = MatchRound::default();
     let batch = (2 * rayon::current_num_threads()).max(8);
     let mut waiting = expected.as_slice();
@@ -111,14 +109,38 @@ pub fn match_round<P: Photos + ?Sized>(
         let (searched, next_loaded) = rayon::join(search, || load(end..(end + batch).min(poses.len())));
         loaded = next_loaded;
         for (report, findings) in searched.into_iter().flatten() {
-            for Finding { of, found: one } in findings {
-                found[of as usize].push(one);
+            for Finding { of, found } in findings {
+                unfinished.found[of as usize].push(found);
             }
             result.pairs.push(report);
         }
-        let is_last = |photo: &usize| finished[*photo].is_none() && last_needed[*photo].is_none_or(|last| last < end);
+        unfinished.finish(&round, &mut views, &last_needed, end);
+        unfinished.append_next(end, &mut result.tracks);
+        progress(end);
+    }
+    result
+}
+
+/// What was found of photos so far, and the tracks of those of which no more will be.
+struct Unfinished {
+    found: Vec<Vec<Found>>,
+    finished: Vec<Option<Tracks>>,
+    /// The first photo whose tracks have not been handed on.
+    next: usize,
+}
+
+impl Unfinished {
+    fn new(photos: usize) -> Self {
+        Self { found: vec![Vec::new(); photos], finished: vec![None; photos], next: 0 }
+    }
+
+    /// Makes the tracks of the photos before `end` that no later one needs, and takes their views' memory.
+    fn finish(&mut self, round: &Round<'_>, views: &mut Views, last_needed: &[Option<usize>], end: usize) {
+        let is_last =
+            |photo: &usize| self.finished[*photo].is_none() && last_needed[*photo].is_none_or(|last| last < end);
+        let last: Vec<usize> = (0..end).filter(is_last).collect();
         let last: Vec<_> =
-            (0..end).filter(is_last).map(|photo| (photo, views[photo].take(), take(&mut found[photo]))).collect();
+            last.into_iter().map(|photo| (photo, views[photo].take(), take(&mut self.found[photo]))).collect();
         let tracks_of = |(photo, view, found): (usize, Option<Box<View>>, Vec<Found>)| {
             let Some(view) = view else { return (photo, Tracks::default()) };
             let tracks = round.tracks_of(photo, &view.sharp, found);
@@ -126,20 +148,21 @@ pub fn match_round<P: Photos + ?Sized>(
             (photo, tracks)
         };
         for (photo, tracks) in last.into_par_iter().map(tracks_of).collect::<Vec<_>>() {
-            finished[photo] = Some(tracks);
+            self.finished[photo] = Some(tracks);
         }
-        // In order of the photos, whatever the batches are.
-        while let Some(Some(tracks)) = finished.get(next).filter(|_| next < end) {
-            result.tracks.append(tracks);
-            if next == RESERVE_AFTER {
-                result.tracks.reserve_times(RESERVE * poses.len() as f64 / next as f64);
-            }
-            finished[next] = Some(Tracks::default());
-            next += 1;
-        }
-        progress(end);
     }
-    result
+
+    /// Appends the tracks that are finished, in order of the photos, whatever the batches are.
+    fn append_next(&mut self, end: usize, tracks: &mut Tracks) {
+        while let Some(Some(finished)) = self.finished.get(self.next).filter(|_| self.next < end) {
+            tracks.append(finished);
+            if self.next == RESERVE_AFTER {
+                tracks.reserve_times(RESERVE * self.finished.len() as f64 / self.next as f64);
+            }
+            self.finished[self.next] = Some(Tracks::default());
+            self.next += 1;
+        }
+    }
 }
 
 /// A photo that found a reference point.

@@ -44,17 +44,13 @@ pub(super) fn autopilot(list: &mut Preflight, watch: &Watch, version: Option<[u8
         return list.note(Subject::Autopilot, Verdict::Unknown, words);
     };
     let kind = Autopilot::from(beat.autopilot);
-    let name = match kind {
-        Autopilot::ArduPilot => "ArduPilot".to_owned(),
-        Autopilot::Px4 => "PX4".to_owned(),
-        Autopilot::Other(number) => {
-            let words = format!("MAV_AUTOPILOT {number} is none whose speed can be limited: keep it by hand");
-            return list.note(Subject::Autopilot, Verdict::No, words);
-        }
-    };
+    if let Autopilot::Other(_) = kind {
+        let words = format!("{kind} is none whose speed can be limited: keep it by hand");
+        return list.note(Subject::Autopilot, Verdict::No, words);
+    }
     let told = version.map_or("version not told".to_owned(), |[major, minor, ..]| format!("{major}.{minor}"));
     let armed = if beat.is_armed() { ", armed" } else { "" };
-    let words = format!("{name} {told}, {}{armed}", ModeWords(kind, beat.custom_mode));
+    let words = format!("{kind} {told}, {}{armed}", ModeWords(kind, beat.custom_mode));
     let is_coarse =
         kind == Autopilot::ArduPilot && version.is_some_and(|[major, minor, ..]| [major, minor] < FINE_VERSION);
     let planned_mps = mission

@@ -19,6 +19,8 @@ pub mod signing;
 mod value;
 mod vehicle;
 
+use core::fmt;
+
 use crate::record::Mode;
 
 pub use board::{RangeReport, VersionReport};
@@ -104,6 +106,26 @@ pub enum Autopilot {
     Px4,
     /// Any other.
     Other(u8),
+}
+
+impl Autopilot {
+    /// Its name; `None` of any other.
+    pub fn name(self) -> Option<&'static str> {
+        match self {
+            Self::ArduPilot => Some("ArduPilot"),
+            Self::Px4 => Some("PX4"),
+            Self::Other(_) => None,
+        }
+    }
+}
+
+impl fmt::Display for Autopilot {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Other(number) => write!(out, "MAV_AUTOPILOT {number}"),
+            known => out.write_str(known.name().unwrap_or_default()),
+        }
+    }
 }
 
 impl From<u8> for Autopilot {

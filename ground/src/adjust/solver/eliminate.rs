@@ -361,12 +361,11 @@ fn add_priors<M: Model<C, K>, const C: usize, const K: usize>(
     model.priors(estimate, layout, &mut |row| {
         let (cost, mut weight) = row.loss.at(row.residual * row.residual);
         if information {
-            if known.iter().all(|(loss, _)| *loss != row.loss) {
+            let place = known.iter().position(|(loss, _)| *loss == row.loss).unwrap_or_else(|| {
                 known.push((row.loss, row.loss.information(1)));
-            }
-            let believed =
-                known.iter().find(|(loss, _)| *loss == row.loss).map_or(0.0, |(_, information)| *information);
-            weight = if row.loss.believes(row.residual * row.residual) { believed } else { 0.0 };
+                known.len() - 1
+            });
+            weight = if row.loss.believes(row.residual * row.residual) { known[place].1 } else { 0.0 };
         }
         *total += cost;
         for &(index, a) in row.slopes {

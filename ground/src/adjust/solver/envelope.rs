@@ -115,7 +115,7 @@ impl Envelope {
         (&mut self.values[block.at(0, column)..], block.width())
     }
 
-    /// Splits the values before a block from the block's own.
+    /// Splits the values before a block from the block's own and all later ones.
     pub(super) fn split_at(&mut self, block: usize) -> (&[Block], &[f64], &mut [f64]) {
         let (done, rest) = self.values.split_at_mut(self.blocks[block].start);
         (&self.blocks, done, rest)
@@ -123,14 +123,13 @@ impl Envelope {
 
     /// Splits the values before a run of blocks from each block's own.
     pub(super) fn split_run(&mut self, run: Range<usize>) -> (&[Block], &[f64], Vec<&mut [f64]>) {
-        let (done, mut rest) = self.values.split_at_mut(self.blocks[run.start].start);
-        let own = self.blocks[run].iter().map(|block| {
+        let (blocks, done, mut rest) = self.split_at(run.start);
+        let own = blocks[run].iter().map(|block| {
             let (own, after) = std::mem::take(&mut rest).split_at_mut(block.height * block.width());
             rest = after;
             own
         });
-        let own = own.collect();
-        (&self.blocks, done, own)
+        (blocks, done, own.collect())
     }
 
     /// The block that holds a row, and the row's offset in it.

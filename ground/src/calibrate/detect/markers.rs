@@ -20,11 +20,10 @@ use crate::raster::Grey;
 const SIDES: [f64; 9] = [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9];
 /// Least difference between the brightest and the darkest cell, grey levels.
 const LEAST_CONTRAST: f64 = 12.0;
-/// Markers that must agree on where the board lies, and how many times those that say otherwise.
-const LEAST_MARKERS: usize = 1;
+/// More than so many times the markers that say otherwise must agree on where the board lies.
 const MAJORITY: usize = 2;
 
-/// The board's corners among the grid's by its markers; `None` if too few are read or they disagree.
+/// The board's corners among the grid's by its markers; `None` if none is read or they disagree.
 pub(super) fn on_charuco(grid: &Grid, image: &Grey, board: &Board, dictionary: Dictionary) -> Option<Named> {
     let cells: Vec<(Cell, Matrix3<f64>)> =
         grid.corners.keys().filter_map(|cell| Some((*cell, image_from_square(grid, *cell)?))).collect();
@@ -46,7 +45,7 @@ pub(super) fn on_charuco(grid: &Grid, image: &Grey, board: &Board, dictionary: D
     let ranked = votes.into_iter().max_by_key(|ranked| ranked.first().map_or(0, |(count, _)| *count))?;
     let (count, (turns, origin)) = *ranked.first()?;
     let second = ranked.get(1).map_or(0, |(count, _)| *count);
-    (count >= LEAST_MARKERS && count > MAJORITY * second).then(|| named(&grid.turned(turns), origin, board))
+    (count > MAJORITY * second).then(|| named(&grid.turned(turns), origin, board))
 }
 
 /// The cell that is the board's first corner in the grid turned so, if this cell's square is that one of the board.

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use adit_ground::link::Board;
-use adit_protocol::mavlink::{Autopilot, Encoding};
+use adit_protocol::mavlink::Encoding;
 use anyhow::Result;
 use clap::Args;
 use serde::Serialize;
@@ -43,12 +43,7 @@ impl Info {
             version: board.version.map(|[major, minor, patch, _]| format!("{major}.{minor}.{patch}")),
             uid: board.uid.map(|uid| format!("{uid:016x}")),
             mode: mode.map_or_else(|| format!("unknown ({})", board.mode), ToString::to_string),
-            autopilot: match board.autopilot {
-                Some(Autopilot::ArduPilot) => "ArduPilot".to_owned(),
-                Some(Autopilot::Px4) => "PX4".to_owned(),
-                Some(Autopilot::Other(number)) => format!("MAV_AUTOPILOT {number}"),
-                None => "none heard".to_owned(),
-            },
+            autopilot: board.autopilot.map_or_else(|| "none heard".to_owned(), |autopilot| autopilot.to_string()),
             whole_numbers: match board.encoding {
                 Encoding::Bytewise => "byte by byte",
                 Encoding::Cast => "converted to single",
