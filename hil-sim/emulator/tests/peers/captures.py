@@ -3,11 +3,10 @@
 usage: captures.py EMULATOR IMAGE MISSION OUT
 """
 
-import asyncio
 import subprocess
 import sys
 
-from mavsdk_peer import connected, first
+from mavsdk_peer import connected, first, run
 
 emulator, image, mission, out = sys.argv[1:]
 PORT = 14572
@@ -36,6 +35,6 @@ flight = subprocess.Popen(
     stdout=subprocess.DEVNULL,
 )
 try:
-    asyncio.run(asyncio.wait_for(main(), 150))
+    run(main)
 finally:
     flight.kill()

@@ -1,8 +1,11 @@
 """MAVSDK as a ground station, with a server of its own for every script."""
 
+import asyncio
 import os
 import threading
 
+from grpc import StatusCode
+from grpc.aio import AioRpcError
 from mavsdk import System
 
 # A server that does not answer cannot be waited out from within.
@@ -24,3 +27,14 @@ async def connected(port, server, number):
     await system.connect(system_address=f"udpin://127.0.0.1:{port}")
     await first(system.core.connection_state(), lambda state: state.is_connected)
     return system
+
+
+def run(session):
+    """Runs a session; once more from its beginning if MAVSDK's server crashed."""
+    try:
+        asyncio.run(asyncio.wait_for(session(), 80))
+    except AioRpcError as error:
+        if error.code() != StatusCode.UNAVAILABLE:
+            raise
+        print("once more: MAVSDK's server is gone:", error.details())
+        asyncio.run(asyncio.wait_for(session(), 80))

@@ -3,11 +3,10 @@
 usage: mavsdk_session.py TELEM1 COUNT
 """
 
-import asyncio
 import sys
 
 from mavsdk.param import ParamError, ProtocolVersion
-from mavsdk_peer import connected, first
+from mavsdk_peer import connected, first, run
 from vehicle import PX4, Vehicle
 
 terminal, count = sys.argv[1], int(sys.argv[2])
@@ -41,6 +40,6 @@ async def main():
 
 vehicle = Vehicle(terminal, PX4, ground=PORT)
 try:
-    asyncio.run(asyncio.wait_for(main(), 120))
+    run(main)
 finally:
     vehicle.close()
