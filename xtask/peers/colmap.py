@@ -1,7 +1,8 @@
-"""Reconstructs a survey folder with COLMAP: colmap.py SURVEY OUT
+"""Reconstructs a survey folder with COLMAP: colmap.py SURVEY OUT LIMIT_S
 
 SIFT on the CPU with our masks, the intrinsics of survey.toml held fixed, two threads, both mappers. Leaves
 OUT/incremental/poses.csv and OUT/global/poses.csv (the largest model, COLMAP's own frame and scale) and OUT/peer.json.
+A mapper that takes longer than LIMIT_S is stopped and has placed nothing.
 
 Tuning: up to 4,096 features with a SIFT peak threshold of 0.002 (default 0.0067), for walls with few corners; sequential
 pairs up to one turn and two photos on. With all features of brick (9,800 a photo) and guided matching a pair takes seconds
@@ -11,6 +12,7 @@ on the CPU, which would only make the peer look slow: 4,096 without take 0.15 s 
 import json
 import shutil
 import struct
+import subprocess
 import sys
 import time
 import tomllib
@@ -141,9 +143,34 @@ def write_poses(path, models):
     return len(images)
 
 
+MAPPERS = {"incremental": map_incremental, "global": map_global}
+
+
+def map_and_write(name, database, survey, folder):
+    """One mapper, in a process of its own: only so can it be stopped."""
+    models = MAPPERS[name](database, survey, folder)
+    print(write_poses(folder / "poses.csv", models))
+
+
+def mapped(name, database, survey, folder, limit_s):
+    """Number of photos that a mapper has placed within its time."""
+    command = [sys.executable, __file__, "--map", name, database, survey, folder]
+    try:
+        done = subprocess.run(command, stdout=subprocess.PIPE, timeout=limit_s, check=True)
+        return int(done.stdout.split()[-1])
+    except subprocess.TimeoutExpired:
+        print(f"colmap: the {name} mapper was stopped after {limit_s:.0f} s", file=sys.stderr)
+    except subprocess.CalledProcessError as error:
+        print(f"colmap: the {name} mapper failed: {error}", file=sys.stderr)
+    return write_poses(folder / "poses.csv", {})
+
+
 def main():
-    survey, out = Path(sys.argv[1]), Path(sys.argv[2])
     pycolmap.logging.minloglevel = 2
+    if sys.argv[1] == "--map":
+        map_and_write(sys.argv[2], *map(Path, sys.argv[3:]))
+        return
+    survey, out, limit_s = Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3])
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     config = tomllib.loads((survey / "survey.toml").read_text(encoding="utf-8"))
@@ -161,15 +188,10 @@ def main():
     timed("extract", lambda: extract(database, survey, reading))
     timed("match", lambda: match(database, config["rig"]["images_per_turn"]))
     registered = {}
-    for name, mapper in (("incremental", map_incremental), ("global", map_global)):
+    for name in MAPPERS:
         folder = out / name
         folder.mkdir()
-        try:
-            models = timed(name, lambda: mapper(database, survey, folder))
-        except (RuntimeError, ValueError) as error:
-            print(f"colmap: the {name} mapper failed: {error}", file=sys.stderr)
-            models = {}
-        registered[name] = write_poses(folder / "poses.csv", models)
+        registered[name] = timed(name, lambda: mapped(name, database, survey, folder, limit_s))
     figures = {"version": pycolmap.__version__, "seconds": seconds, "registered": registered}
     (out / "peer.json").write_text(json.dumps(figures), encoding="utf-8")
 

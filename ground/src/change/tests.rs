@@ -99,6 +99,22 @@ fn a_survey_has_not_changed_against_itself_with_noise_and_another_lamp() {
 }
 
 #[test]
+fn what_differs_at_the_edge_of_what_was_seen_is_no_change() {
+    let a = painted([0.0, 3.0], 4.0, |s, x| Some(wall(1, s, x)));
+    // Seen up to 2 m around; what darkens 4 cm there is the photos' own edge, but elsewhere it is damp.
+    let dark = |from_m: f64| {
+        painted([0.0, 3.0], 4.0, move |s, x| {
+            let change = if (from_m..from_m + 0.04).contains(&s) && (1.0..1.4).contains(&x) { -60.0 } else { 0.0 };
+            (s < 2.0).then(|| (wall(1, s, x) + change).max(0.0))
+        })
+    };
+    let report = compared(a.path(), dark(1.96).path()).expect("a comparison");
+    assert!(report.changes.is_empty(), "{report}");
+    let report = compared(a.path(), dark(1.0).path()).expect("a comparison");
+    assert_eq!(report.changes.len(), 1, "{report}");
+}
+
+#[test]
 fn another_tunnel_is_refused() {
     let a = painted([0.0, 3.0], 4.0, |s, x| Some(wall(1, s, x)));
     let other = painted([0.0, 3.0], 4.0, |s, x| Some(wall(2, s, x)));

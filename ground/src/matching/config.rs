@@ -92,7 +92,7 @@ impl MatchConfig {
             band_large_px: 8.0,
             // About the noise of a dark photo.
             contrast_floor: 0.01,
-            cell_px: 48,
+            cell_px: 56,
             corner_px: 4,
             min_ncc: 0.3,
             gate_px: 3.0,

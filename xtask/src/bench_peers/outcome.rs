@@ -12,6 +12,12 @@ use super::peer::{measure as measured, python, script};
 use super::sets::Set;
 use super::{THREADS, program, text};
 
+/// A run shorter than this is repeated, and the one of middle time counts: so short a time depends on chance.
+const SHORT_S: f64 = 3.0;
+const REPEATS: usize = 5;
+/// A mapper of the peer that takes longer is stopped and has placed nothing.
+const MAPPER_LIMIT_S: &str = "300";
+
 /// Whose result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -40,7 +46,8 @@ pub(super) struct Outcome {
     pub(super) accuracy: Accuracy,
     /// Wall time by stage.
     pub(super) stages_s: Vec<(String, f64)>,
-    /// Wall time: of ours the whole process, of the peer extraction, matching and its better mapper.
+    /// Wall time: of ours the whole process (a short one's median of [`REPEATS`]), of the peer extraction, matching and its
+    /// better mapper.
     pub(super) total_s: f64,
     /// Largest resident set of the process.
     pub(super) peak_mib: f64,
@@ -103,7 +110,12 @@ fn ours(folder: &Path, work: &Path) -> Result<Side> {
         "--threads",
         THREADS,
     ];
-    let run = measured(&command, &work.join("measured.json"))?;
+    let mut runs = vec![measured(&command, &work.join("measured.json"))?];
+    while runs[0].seconds < SHORT_S && runs.len() < REPEATS {
+        runs.push(measured(&command, &work.join("measured.json"))?);
+    }
+    runs.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    let run = &runs[runs.len() / 2];
     let summary: Value = serde_json::from_str(&run.stdout).context("adit reconstruct --json")?;
     let stage = |stage: &Value| Some((stage["stage"].as_str()?.to_owned(), stage["seconds"].as_f64()?));
     let stages_s = summary["stages"].as_array().into_iter().flatten().filter_map(stage).collect();
@@ -114,7 +126,7 @@ fn ours(folder: &Path, work: &Path) -> Result<Side> {
 fn peer(folder: &Path, work: &Path) -> Result<Side> {
     let (python, script) = (python(), script("colmap.py"));
     let (survey, out) = (text(folder), text(&work.join("out")));
-    let run = measured(&[&python, &script, &survey, &out], &work.join("measured.json"))?;
+    let run = measured(&[&python, &script, &survey, &out, MAPPER_LIMIT_S], &work.join("measured.json"))?;
     let figures = fs::read_to_string(work.join("out/peer.json")).context("colmap.py left no peer.json")?;
     let figures: Value = serde_json::from_str(&figures).context("peer.json")?;
     let mut best: Option<(u64, Accuracy, &str)> = None;

@@ -47,9 +47,9 @@ const HEADER: &str = "\
 
 const NOTES: &str = "
 Aligned: root mean square of positions after the best similarity; absolute: in the tunnel frame, without any alignment, which
-the peer has none of. Errors are of the registered photos only. Drift: `adit evaluate --help`. Total: of ours the whole process;
-of the peer extraction, matching and its better mapper. Peak: largest resident set; the peer's is that of one process that runs
-both mappers.
+the peer has none of. Errors are of the registered photos only. Drift: `adit evaluate --help`. Total: of ours the whole process
+(under 3 s: the median of five runs); of the peer extraction, matching and its better mapper, each given 300 s at most. Peak:
+largest resident set.
 ";
 
 fn row(text: &mut String, outcome: &Outcome, peer: Option<&Outcome>) {

@@ -31,7 +31,7 @@ pub(super) struct Verdict {
 impl Verdict {
     fn at_most(what: &str, found: Option<f64>, limit: f64, unit: &str) -> Self {
         Self {
-            must_hold: format!("{what} at most {limit} {unit}").trim_end().to_owned(),
+            must_hold: format!("{what} at most {} {unit}", (limit * 1e3).round() / 1e3).trim_end().to_owned(),
             found: found
                 .map_or_else(|| "not measured".to_owned(), |found| format!("{found:.3} {unit}").trim_end().to_owned()),
             holds: found.map(|found| found <= limit),
