@@ -107,10 +107,10 @@ pub(super) fn changes(
     let both = grey_a.map(&grey_b, |a, b| if b.is_nan() { f32::NAN } else { a });
     let grey_b = grey_b.map(&grey_a, |b, a| if a.is_nan() { f32::NAN } else { b });
     let reach = (WINDOW_M / grid.step_m).round() as usize;
-    // What has changed must not darken the means of its surroundings: found once, left out, found again.
-    let seen = both.seen_share(reach);
-    let first = Compared::new([&both, &grey_b], &seen, reach, &[]);
-    let compared = Compared::new([&both, &grey_b], &seen, reach, &first.changed());
+    // What has changed, or is no more than a photo's edge, must not darken the means of its surroundings: found once, left out,
+    // found again.
+    let first = Compared::new([&both, &grey_b], None, reach, &[]);
+    let compared = Compared::new([&both, &grey_b], Some(&both.seen_share(reach)), reach, &first.changed());
     compared.rows_of(wanted.start - rows.start..wanted.end - rows.start, wanted.start)
 }
 
@@ -126,11 +126,14 @@ struct Compared {
 }
 
 impl Compared {
-    /// `seen` is [`Rows::seen_share`] of either wall: both show the same places.
-    fn new(walls: [&Rows; 2], seen: &Rows, reach: usize, skipped: &[bool]) -> Self {
+    /// Places are judged where enough is seen around by `seen`, [`Rows::seen_share`] of either wall (both show the same places);
+    /// all are without it.
+    fn new(walls: [&Rows; 2], seen: Option<&Rows>, reach: usize, skipped: &[bool]) -> Self {
         let walls = walls.map(|grey| Evened::new(grey, reach, skipped));
-        let difference = walls[1].value.map(&walls[0].value, |b, a| b - a);
-        let difference = difference.map(seen, |value, seen| if seen < LEAST_SEEN { f32::NAN } else { value });
+        let mut difference = walls[1].value.map(&walls[0].value, |b, a| b - a);
+        if let Some(seen) = seen {
+            difference = difference.map(seen, |value, seen| if seen < LEAST_SEEN { f32::NAN } else { value });
+        }
         let fine = significance(&difference.mean(1), &gradient(&walls[0].value));
         let smooth = difference.mean(FAINT_WINDOW);
         let faint = significance(&smooth, &gradient(&walls[0].value.mean(FAINT_WINDOW)));

@@ -214,7 +214,7 @@ impl State {
             .set(now, finite(telemetry.shaft_rad).map(|shaft_rad| shaft_rad.rem_euclid(std::f64::consts::TAU)));
         self.commanded.set(now, Some(telemetry.captures));
         self.missed.set(now, Some(telemetry.missed));
-        self.water_level_m.set(now, telemetry.water_level_m.and_then(finite));
+        self.water_level_m.set(now, telemetry.water_level_m.and_then(finite).map(above_floor));
     }
 
     /// The board tells figures one by one, for displays that know no better: a link may carry these and nothing else.
@@ -229,7 +229,7 @@ impl State {
             "speed" => self.speed_mps.set(now, Some(value)),
             "captures" => self.commanded.set(now, Some(value as u32)),
             "missed" => self.missed.set(now, Some(value as u32)),
-            "water" => self.water_level_m.set(now, Some(value)),
+            "water" => self.water_level_m.set(now, Some(above_floor(value))),
             "enforce" => {
                 let states = [
                     Enforcement::Idle,
@@ -349,6 +349,11 @@ impl State {
             radio: self.radio.show(now, SLOW_LASTS),
         }
     }
+}
+
+/// A level, which is none below the floor: there it is the range sensor's noise.
+fn above_floor(level_m: f64) -> f64 {
+    level_m.max(0.0)
 }
 
 fn finite(value: f32) -> Option<f64> {

@@ -91,6 +91,8 @@ fn figures_for_plain_displays_are_enough_for_place_speed_and_counts() {
     assert_eq!(view.offset_m.value.map(|offset_m| offset_m.map(|along_m| (along_m * 10.0).round())), Some([1.0, -2.0]));
     assert_eq!((view.captures.value, view.missed.value, view.water_level_m.value), (Some(12), Some(1), None));
     assert_eq!(view.enforcement.value, Some(Enforcement::Ineffective));
+    flight.figure("water", -0.05);
+    assert_eq!(flight.state.show(flight.now).water_level_m.value, Some(0.0));
 }
 
 #[test]
