@@ -154,6 +154,14 @@ pub enum Hint {
         /// One standard deviation, percent.
         percent: f64,
     },
+    /// Only the other model describes the lens.
+    #[error("no {} camera shows the boards as they were seen; {} does, to {other_px:.3} px: ask for that", model_name(model.other()), model_name(*model))]
+    OnlyOtherModel {
+        /// The model that does.
+        model: Model,
+        /// Its root mean square error.
+        other_px: f64,
+    },
     /// The other model describes the lens better.
     #[error("{} fits better: {other_px:.3} px instead of {rms_px:.3} px", model_name(*model))]
     OtherModel {
@@ -176,6 +184,7 @@ impl Serialize for Hint {
             Self::NotTurned { .. } => "not-turned",
             Self::NotTipped { .. } => "not-tipped",
             Self::FocalLength { .. } => "focal-length",
+            Self::OnlyOtherModel { .. } => "only-other-model",
             Self::OtherModel { .. } => "other-model",
         };
         let mut hint = serializer.serialize_struct("Hint", 2)?;
@@ -185,9 +194,12 @@ impl Serialize for Hint {
     }
 }
 
-/// Everything to mind; only the number of photos where there is no camera.
+/// Everything to mind; where there is no camera only the number of photos, or the other model if that has one.
 pub(super) fn hints(coverage: &Coverage, fit: Option<&Fit>, other: Option<&Fit>) -> Vec<Hint> {
     let mut hints = Vec::new();
+    if let (None, Some(other)) = (fit, other) {
+        return vec![Hint::OnlyOtherModel { model: model_of(&other.camera), other_px: other.rms_px }];
+    }
     if coverage.photos < FEW_PHOTOS {
         hints.push(Hint::FewPhotos { photos: coverage.photos });
     }

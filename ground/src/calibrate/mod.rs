@@ -39,6 +39,15 @@ pub enum Model {
     KannalaBrandt,
 }
 
+impl Model {
+    fn other(self) -> Self {
+        match self {
+            Self::BrownConrady => Self::KannalaBrandt,
+            Self::KannalaBrandt => Self::BrownConrady,
+        }
+    }
+}
+
 /// Why nothing could be calibrated at all.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
@@ -87,6 +96,9 @@ pub enum Reason {
         fit::LEAST_PHOTOS
     )]
     NoCamera,
+    /// Cameras of the model asked for do not see the boards as they were seen; the other model's do.
+    #[error("its board was found, but no {} camera fits: see the hint", report::model_name(*.0))]
+    OtherModel(Model),
 }
 
 /// A photo, its corners if the board was found, and why it was not used if so.
@@ -151,14 +163,11 @@ pub fn calibrate(
             }
         })
         .collect();
-    let other = match model {
-        Model::BrownConrady => Model::KannalaBrandt,
-        Model::KannalaBrandt => Model::BrownConrady,
-    };
     let fit = fit_photos(&photos, &board, size, model);
-    let other_fit = fit_photos(&photos, &board, size, other);
+    let other_fit = fit_photos(&photos, &board, size, model.other());
     for (index, photo) in photos.iter_mut().enumerate().filter(|(_, photo)| photo.unused.is_none()) {
         photo.unused = match &fit {
+            None if other_fit.is_some() => Some(Reason::OtherModel(model)),
             None => Some(Reason::NoCamera),
             Some(fit) => {
                 let outlier = fit.outliers.iter().find(|(outlier, _)| *outlier == index);

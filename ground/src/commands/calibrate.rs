@@ -73,7 +73,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common) -> Result<Answer> {
     let figures = calibration.figures();
     print(&figures, common)?;
     let Some(camera) = &figures.camera else {
-        eprintln!("adit: no camera: {used} photos with the board, tilted by turns, are too few");
+        match calibration.other_fit {
+            Some(_) => eprintln!("adit: no camera of this model: see the hint"),
+            None => eprintln!("adit: no camera: {used} photos with the board, tilted by turns, are too few"),
+        }
         return Ok(Answer::No);
     };
     if let Some(limit_px) = arguments.max_rms_px.filter(|limit_px| camera.rms_px > *limit_px) {

@@ -94,27 +94,29 @@ fn output(name: &str, arguments: &[&str]) -> Result<Value> {
 }
 
 fn row(table: &mut String, name: &str, who: &str, outcome: &Value, truth: &Value) {
-    let number = |model: &str, key: &str| outcome[model][key].as_f64().unwrap_or(f64::NAN);
+    let number = |model: &str, key: &str, decimals: usize| {
+        outcome[model][key].as_f64().map_or("n/a".to_owned(), |value| format!("{value:.decimals$}"))
+    };
     // The formal standard deviation of fx: ours by name, OpenCV's first of a list.
     let off = truth["model"].as_str().and_then(|model| {
         let sigma = &outcome[model]["sigma"];
         let sigma = sigma["formal"]["focal_px"][0].as_f64().or(sigma[0].as_f64())?;
-        Some((number(model, "fx_px") - truth["intrinsics"][0].as_f64()?) / sigma)
+        Some((outcome[model]["fx_px"].as_f64()? - truth["intrinsics"][0].as_f64()?) / sigma)
     });
     // Writing to a string cannot fail.
     let _ = writeln!(
         table,
-        "| {name} | {who} | {} of {} | {} | {:.4} | {:.2} | {:.2} | {} | {:.4} | {:.2} | {:.2} | {:.2} |",
-        outcome["boards"],
+        "| {name} | {who} | {} of {} | {} | {} | {} | {} | {} | {} | {} | {} | {:.2} |",
+        outcome["boards"].as_u64().unwrap_or(0),
         outcome["photos"],
         outcome["corners"],
-        number("brown-conrady", "rms_px"),
-        number("brown-conrady", "fx_px"),
-        number("brown-conrady", "fy_px"),
+        number("brown-conrady", "rms_px", 4),
+        number("brown-conrady", "fx_px", 2),
+        number("brown-conrady", "fy_px", 2),
         off.map_or("n/a".to_owned(), |off| format!("{off:+.2}")),
-        number("kannala-brandt", "rms_px"),
-        number("kannala-brandt", "fx_px"),
-        number("kannala-brandt", "fy_px"),
+        number("kannala-brandt", "rms_px", 4),
+        number("kannala-brandt", "fx_px", 2),
+        number("kannala-brandt", "fy_px", 2),
         outcome["seconds"].as_f64().unwrap_or(f64::NAN),
     );
 }

@@ -5,7 +5,7 @@
 //! turns as on a chessboard. In the manner of Geiger et al., "Automatic camera and range sensor calibration using a single
 //! shot" (ICRA 2012), grown instead of optimised.
 
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector2;
@@ -35,7 +35,7 @@ const STEPS: [Cell; 4] = [[1, 0], [0, 1], [-1, 0], [0, -1]];
 /// Corners by cell: neighbours in the grid are neighbours on the board.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Grid {
-    pub(super) corners: HashMap<Cell, Vector2<f64>>,
+    pub(super) corners: BTreeMap<Cell, Vector2<f64>>,
 }
 
 impl Grid {
@@ -91,7 +91,7 @@ pub(super) fn largest_grid(field: &Field, saddles: &[Saddle], board: &Board) -> 
     let grower = Grower { field, saddles, beside };
     let mut seeds: Vec<usize> = (0..saddles.len()).collect();
     seeds.sort_by(|a, b| saddles[*b].contrast.total_cmp(&saddles[*a].contrast));
-    let mut seen = HashSet::new();
+    let mut seen = BTreeSet::new();
     let mut best = Grid::default();
     let mut tries = 0;
     for seed in seeds {
@@ -122,7 +122,7 @@ struct Grower<'a> {
 
 impl Grower<'_> {
     /// A corner and the neighbours found along its two lines; `None` with fewer than one along each.
-    fn start(&self, seed: usize) -> Option<HashMap<Cell, usize>> {
+    fn start(&self, seed: usize) -> Option<BTreeMap<Cell, usize>> {
         let corner = &self.saddles[seed];
         let mut nearest: Vec<usize> = (0..self.saddles.len()).filter(|&other| other != seed).collect();
         let distance = |other: usize| (self.saddles[other].at - corner.at).norm_squared();
@@ -133,7 +133,7 @@ impl Grower<'_> {
         nearest.select_nth_unstable_by(count - 1, |a, b| distance(*a).total_cmp(&distance(*b)));
         nearest.truncate(count);
         nearest.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)));
-        let mut grid = HashMap::from([([0, 0], seed)]);
+        let mut grid = BTreeMap::from([([0, 0], seed)]);
         let [first, second] = corner.lines_rad;
         // The second line a quarter turn or so after the first, whichever way: cells keep one sense.
         for (step, angle) in STEPS.into_iter().zip([first, second, first + PI, second + PI]) {
@@ -154,8 +154,8 @@ impl Grower<'_> {
     }
 
     /// Adds neighbours until there are none; also the saddles that were used.
-    fn grow(&self, mut grid: HashMap<Cell, usize>) -> (Grid, Vec<usize>) {
-        let mut used: HashSet<usize> = grid.values().copied().collect();
+    fn grow(&self, mut grid: BTreeMap<Cell, usize>) -> (Grid, Vec<usize>) {
+        let mut used: BTreeSet<usize> = grid.values().copied().collect();
         let mut open: VecDeque<Cell> = grid.keys().copied().collect();
         while let Some(cell) = open.pop_front() {
             for step in STEPS {

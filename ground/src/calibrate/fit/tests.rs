@@ -147,3 +147,16 @@ fn a_corner_far_off_is_left_out_and_parts_of_boards_say_as_much_as_they_have_cor
     assert!((fit.rms_px / (0.05 * 2.0_f64.sqrt()) - 1.0).abs() < 0.15, "{}", fit.rms_px);
     assert!((fit.camera.focal_px[0] - camera.focal_px[0]).abs() < 3.5 * fit.sigmas.formal.focal_px[0], "{fit:?}");
 }
+
+#[test]
+fn where_only_the_other_model_has_a_camera_the_hint_is_to_take_that() {
+    use super::super::coverage::hints;
+    use super::super::{Coverage, Hint};
+    let [_, fisheye] = cameras();
+    let fit = fitted(&fisheye, &photos(fisheye, 0.1, 1));
+    let coverage = Coverage { corners: [0; 9], reach: 0.0, photos: 0 };
+    let found = hints(&coverage, None, Some(&fit));
+    assert_eq!(found, [Hint::OnlyOtherModel { model: Model::KannalaBrandt, other_px: fit.rms_px }]);
+    let text = found[0].to_string();
+    assert!(text.starts_with("no brown-conrady camera") && text.contains("kannala-brandt does, to 0.1"), "{text}");
+}
