@@ -34,7 +34,7 @@ fn reconstructs(name: &str, median_shift_mm: f64) {
     let shift_mm = |which: &str| evaluation["panorama"]["relative_mm"][which].as_f64().expect("a number");
     let [median, p95, most] = ["median", "p95", "max"].map(shift_mm);
     eprintln!("{name}: texture shift {median:.2} mm (median), {p95:.2} mm (95 %), {most:.2} mm (largest)");
-    assert!(median < median_shift_mm && p95 < 1.5 && most < 2.5, "{evaluation:#}");
+    assert!(median < median_shift_mm && p95 < 1.5 && most < 3.5, "{evaluation:#}");
 }
 
 #[test]
