@@ -147,22 +147,25 @@ MAPPERS = {"incremental": map_incremental, "global": map_global}
 
 
 def map_and_write(name, database, survey, folder):
-    """One mapper, in a process of its own: only so can it be stopped."""
+    """One mapper, in a process of its own: only so can it be stopped. That process's start is not in its time."""
+    started = time.monotonic()
     models = MAPPERS[name](database, survey, folder)
-    print(write_poses(folder / "poses.csv", models))
+    seconds = time.monotonic() - started
+    print(json.dumps([write_poses(folder / "poses.csv", models), seconds]))
 
 
 def mapped(name, database, survey, folder, limit_s):
-    """Number of photos that a mapper has placed within its time."""
+    """Number of photos that a mapper has placed within its time, and that time."""
     command = [sys.executable, __file__, "--map", name, database, survey, folder]
+    started = time.monotonic()
     try:
         done = subprocess.run(command, stdout=subprocess.PIPE, timeout=limit_s, check=True)
-        return int(done.stdout.split()[-1])
+        return json.loads(done.stdout.splitlines()[-1])
     except subprocess.TimeoutExpired:
         print(f"colmap: the {name} mapper was stopped after {limit_s:.0f} s", file=sys.stderr)
     except subprocess.CalledProcessError as error:
         print(f"colmap: the {name} mapper failed: {error}", file=sys.stderr)
-    return write_poses(folder / "poses.csv", {})
+    return write_poses(folder / "poses.csv", {}), time.monotonic() - started
 
 
 def main():
@@ -177,12 +180,14 @@ def main():
     database = out / "database.db"
     seconds = {}
 
+    def told(stage, taken_s):
+        seconds[stage] = taken_s
+        print(f"colmap: {stage} {taken_s:.1f} s", file=sys.stderr, flush=True)
+
     def timed(stage, work):
         started = time.monotonic()
-        result = work()
-        seconds[stage] = time.monotonic() - started
-        print(f"colmap: {stage} {seconds[stage]:.1f} s", file=sys.stderr, flush=True)
-        return result
+        work()
+        told(stage, time.monotonic() - started)
 
     reading = reader(survey, out, config)
     timed("extract", lambda: extract(database, survey, reading))
@@ -191,7 +196,8 @@ def main():
     for name in MAPPERS:
         folder = out / name
         folder.mkdir()
-        registered[name] = timed(name, lambda: mapped(name, database, survey, folder, limit_s))
+        registered[name], taken_s = mapped(name, database, survey, folder, limit_s)
+        told(name, taken_s)
     figures = {"version": pycolmap.__version__, "seconds": seconds, "registered": registered}
     (out / "peer.json").write_text(json.dumps(figures), encoding="utf-8")
 

@@ -98,7 +98,7 @@ pub enum Reason {
     NoCamera,
     /// Cameras of the model asked for do not see the boards as they were seen; the other model's do.
     #[error("its board was found, but no {} camera fits: see the hint", report::model_name(*.0))]
-    OtherModel(Model),
+    NoCameraOf(Model),
 }
 
 /// A photo, its corners if the board was found, and why it was not used if so.
@@ -167,7 +167,7 @@ pub fn calibrate(
     let other_fit = fit_photos(&photos, &board, size, model.other());
     for (index, photo) in photos.iter_mut().enumerate().filter(|(_, photo)| photo.unused.is_none()) {
         photo.unused = match &fit {
-            None if other_fit.is_some() => Some(Reason::OtherModel(model)),
+            None if other_fit.is_some() => Some(Reason::NoCameraOf(model)),
             None => Some(Reason::NoCamera),
             Some(fit) => {
                 let outlier = fit.outliers.iter().find(|(outlier, _)| *outlier == index);

@@ -13,10 +13,10 @@ use super::sets::Set;
 use super::{THREADS, program, text};
 
 /// A run shorter than this is repeated, and the one of middle time counts: so short a time depends on chance.
-const SHORT_S: f64 = 3.0;
-const REPEATS: usize = 5;
+pub(super) const SHORT_S: f64 = 3.0;
+pub(super) const REPEATS: usize = 5;
 /// A mapper of the peer that takes longer is stopped and has placed nothing.
-const MAPPER_LIMIT_S: &str = "300";
+pub(super) const MAPPER_LIMIT_S: &str = "300";
 
 /// Whose result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-use super::outcome::{Outcome, Who};
+use super::outcome::{MAPPER_LIMIT_S, Outcome, REPEATS, SHORT_S, Who};
 use super::verdict::{Verdict, verdicts};
 use crate::shell::output;
 
@@ -21,7 +21,7 @@ pub(super) fn write(out: &Path, outcomes: &[Outcome], bal: Option<&Value>, run: 
         let other = outcomes.iter().find(|other| other.set == outcome.set && other.who == Who::Peer);
         row(&mut text, outcome, other.filter(|_| outcome.who == Who::Ours));
     }
-    text.push_str(NOTES);
+    text.push_str(&notes());
     if let Some(bal) = bal {
         bal_rows(&mut text, bal);
     }
@@ -45,12 +45,17 @@ const HEADER: &str = "\
 |---|---|---|---|---|---|---|---|---|---|---|---|
 ";
 
-const NOTES: &str = "
+/// What the columns mean.
+fn notes() -> String {
+    format!(
+        "
 Aligned: root mean square of positions after the best similarity; absolute: in the tunnel frame, without any alignment, which
 the peer has none of. Errors are of the registered photos only. Drift: `adit evaluate --help`. Total: of ours the whole process
-(under 3 s: the median of five runs); of the peer extraction, matching and its better mapper, each given 300 s at most. Peak:
-largest resident set.
-";
+(under {SHORT_S} s: the median of {REPEATS} runs); of the peer extraction, matching and its better mapper, each given
+{MAPPER_LIMIT_S} s at most. Peak: largest resident set.
+"
+    )
+}
 
 fn row(text: &mut String, outcome: &Outcome, peer: Option<&Outcome>) {
     let accuracy = &outcome.accuracy;
