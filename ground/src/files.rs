@@ -14,17 +14,27 @@ pub(crate) fn beside(path: &Path) -> PathBuf {
 
 /// Writes a file whole: under another name beside it, flushed, renamed.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
-    write_whole_with(path, |file| file.write_all(content))
+    let mut file = WholeFile::create(path)?;
+    file.content.write_all(content)?;
+    file.finish()
 }
 
-/// As [`write_whole`], for content that is made as it is written.
-pub(crate) fn write_whole_with<E: From<io::Error>>(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<fs::File>) -> Result<(), E>,
-) -> Result<(), E> {
-    let beside = beside(path);
-    let mut file = BufWriter::new(fs::File::create(&beside)?);
-    write(&mut file)?;
-    file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-    Ok(fs::rename(&beside, path)?)
+/// A file that takes its place once it is whole and on the disk.
+#[derive(Debug)]
+pub(crate) struct WholeFile {
+    path: PathBuf,
+    /// What will be in it, so far.
+    pub(crate) content: BufWriter<fs::File>,
+}
+
+impl WholeFile {
+    pub(crate) fn create(path: &Path) -> io::Result<Self> {
+        Ok(Self { path: path.to_owned(), content: BufWriter::new(fs::File::create(beside(path))?) })
+    }
+
+    /// Waits for the disk: up to tenths of a second where it is slow or busy.
+    pub(crate) fn finish(self) -> io::Result<()> {
+        self.content.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
+        fs::rename(beside(&self.path), &self.path)
+    }
 }

@@ -88,8 +88,13 @@ pub fn match_round<P: Photos + ?Sized>(
     };
     let most_texels = footprints.iter().flatten().map(Footprint::texels).max().unwrap_or(0);
     // Made by the thread that frees it at the end of the round: what another one frees may stay with its maker for long.
-    let provide = || locked(&round.texels).resize_with(batch, || Vec::with_capacity(most_texels));
-    provide();
+    let provide = |photos: usize| {
+        let mut memory: Vec<_> = std::iter::repeat_with(|| Vec::with_capacity(most_texels)).take(photos).collect();
+        locked(&round.texels).append(&mut memory);
+    };
+    // Of the photos from one on: what two batches need.
+    let needed = |first: usize| (poses.len() - first).min(2 * batch);
+    provide(needed(0));
     let mut loaded = load(0..batch.min(poses.len()));
     for start in (0..poses.len()).step_by(batch) {
         let end = (start + batch).min(poses.len());
@@ -104,9 +109,18 @@ pub fn match_round<P: Photos + ?Sized>(
         let search = || -> Vec<Option<(PairReport, Vec<Finding>)>> {
             ready.par_iter().map_init(Search::default, |search, pair| round.pair(pair, &views, search)).collect()
         };
-        provide();
-        // Neither waits for the other's last photo or pair.
-        let (searched, next_loaded) = rayon::join(search, || load(end..(end + batch).min(poses.len())));
+        let missing = {
+            let mut texels = locked(&round.texels);
+            texels.truncate(needed(end));
+            needed(end) - texels.len()
+        };
+        let (mut searched, mut next_loaded) = (Vec::new(), Vec::new());
+        // Neither waits for the other's last photo or pair, and no thread for the system to clear memory.
+        rayon::in_place_scope(|scope| {
+            scope.spawn(|_| searched = search());
+            scope.spawn(|_| next_loaded = load(end..(end + batch).min(poses.len())));
+            provide(missing);
+        });
         loaded = next_loaded;
         for (report, findings) in searched.into_iter().flatten() {
             for Finding { of, found } in findings {

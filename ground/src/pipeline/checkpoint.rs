@@ -5,15 +5,16 @@
 //! means another input, and the stage runs again.
 
 use std::fs;
-use std::io::{BufWriter, ErrorKind, Write};
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::thread::{self, JoinHandle};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
-use crate::files::write_whole_with;
+use crate::files::WholeFile;
 use crate::survey::Survey;
 
 /// Digest of everything that a stage's result depends on.
@@ -64,9 +65,11 @@ impl Key {
 }
 
 /// The folder of all stages' results.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Checkpoints {
     out: PathBuf,
+    /// Waits for the disk while the next stage works.
+    storing: Option<JoinHandle<Result<()>>>,
 }
 
 impl Checkpoints {
@@ -81,7 +84,7 @@ impl Checkpoints {
         }
         fs::create_dir_all(&folder)
             .with_context(|| format!("cannot write results to {}; choose another folder with --out", out.display()))?;
-        Ok(Self { out: out.to_owned() })
+        Ok(Self { out: out.to_owned(), storing: None })
     }
 
     /// Returns a stage's result if it was made from the same input. A damaged file counts as absent.
@@ -102,18 +105,28 @@ impl Checkpoints {
         rest.is_empty().then_some(result)
     }
 
-    /// Stores a stage's result.
+    /// Stores a stage's result: written at the return, in its place after [`Self::finish`].
     ///
     /// # Errors
-    /// If it cannot be written (a full disk, a read-only folder); what was there before is kept.
-    pub fn store<T: Serialize>(&self, stage: &str, key: Key, result: &T) -> Result<()> {
+    /// If it, or the one before, cannot be written (a full disk, a read-only folder); what was there before is kept.
+    pub fn store<T: Serialize>(&mut self, stage: &str, key: Key, result: &T) -> Result<()> {
+        self.finish()?;
         let path = self.path(stage);
-        let write = |file: &mut BufWriter<fs::File>| {
-            file.write_all(&key.0)?;
-            postcard::to_io(result, file).with_context(|| format!("cannot encode the result of {stage}"))?;
-            Ok::<(), anyhow::Error>(())
-        };
-        write_whole_with(&path, write).with_context(|| format!("cannot write {}", path.display()))
+        let failed = format!("cannot write {}", path.display());
+        let mut file = WholeFile::create(&path).context(failed.clone())?;
+        file.content.write_all(&key.0).context(failed.clone())?;
+        postcard::to_io(result, &mut file.content).context(failed.clone())?;
+        self.storing = Some(thread::spawn(move || file.finish().context(failed)));
+        Ok(())
+    }
+
+    /// Waits until what was stored is in its place.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(&mut self) -> Result<()> {
+        let stored = self.storing.take().map(JoinHandle::join);
+        stored.unwrap_or(Ok(Ok(()))).map_err(|_| anyhow!("storing a stage's result panicked"))?
     }
 
     fn path(&self, stage: &str) -> PathBuf {
@@ -132,8 +145,9 @@ mod tests {
     #[test]
     fn a_result_comes_back_only_under_its_own_key() {
         let folder = tempfile::tempdir().unwrap();
-        let checkpoints = Checkpoints::open(folder.path(), false).unwrap();
+        let mut checkpoints = Checkpoints::open(folder.path(), false).unwrap();
         checkpoints.store("prior", key(1), &vec![1.5, 2.5]).unwrap();
+        checkpoints.finish().unwrap();
         assert_eq!(checkpoints.load::<Vec<f64>>("prior", key(1)), Some(vec![1.5, 2.5]));
         assert_eq!(checkpoints.load::<Vec<f64>>("prior", key(2)), None);
         assert_eq!(checkpoints.load::<Vec<f64>>("match", key(1)), None);
@@ -142,8 +156,9 @@ mod tests {
     #[test]
     fn a_file_torn_at_any_byte_counts_as_absent() {
         let folder = tempfile::tempdir().unwrap();
-        let checkpoints = Checkpoints::open(folder.path(), false).unwrap();
+        let mut checkpoints = Checkpoints::open(folder.path(), false).unwrap();
         checkpoints.store("prior", key(1), &(7_u32, vec![1.5, 2.5, 3.5])).unwrap();
+        checkpoints.finish().unwrap();
         let path = folder.path().join("stages/prior.bin");
         let whole = fs::read(&path).unwrap();
         for length in 0..whole.len() {

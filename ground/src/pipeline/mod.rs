@@ -120,7 +120,9 @@ pub fn reconstruct(options: &ReconstructOptions) -> Result<Summary> {
             losses: survey.losses.clone(),
         },
     };
-    run.stages(&survey)?;
+    let ended = run.stages(&survey);
+    let stored = run.checkpoints.finish();
+    ended.and(stored)?;
     Ok(run.summary)
 }
 
