@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3};
 
 use super::Pixels;
 use super::filter::Plane;
+use super::texels::ROUNDING;
 use super::wall::{BLOCK, Footprint, WallGrid};
 use crate::vectors::vectorised;
 
@@ -113,18 +114,18 @@ impl<T: Level> Image<'_, T> {
     #[inline(always)]
     fn sample<const N: usize>(&self, xs: &[f32; N], ys: &[f32; N]) -> [f32; N] {
         let (most_x, most_y) = ((self.width - 1) as f32, (self.height - 1) as f32);
-        let (mut inside, mut column, mut row) = ([false; N], [0; N], [0; N]);
+        let (mut inside, mut column, mut row, mut index) = ([false; N], [0; N], [0; N], [0; N]);
         for i in 0..N {
             // Also false for NaN.
             inside[i] = xs[i] >= 0.0 && ys[i] >= 0.0 && xs[i] < most_x && ys[i] < most_y;
-            column[i] = if inside[i] { xs[i] as i32 } else { 0 };
-            row[i] = if inside[i] { ys[i] as i32 } else { 0 };
+            column[i] = if inside[i] { pixel_before(xs[i]) } else { 0 };
+            row[i] = if inside[i] { pixel_before(ys[i]) } else { 0 };
+            index[i] = row[i] * self.width as i32 + column[i];
         }
         let (mut upper, mut lower) = ([0; N], [0; N]);
         for i in 0..N {
-            let index = row[i] as usize * self.width + column[i] as usize;
             // One check of the bounds.
-            let around = &self.levels[index..][..self.width + 2];
+            let around = &self.levels[index[i] as usize..][..self.width + 2];
             (upper[i], lower[i]) =
                 (T::pair([around[0], around[1]]), T::pair([around[self.width], around[self.width + 1]]));
         }
@@ -139,6 +140,15 @@ impl<T: Level> Image<'_, T> {
         }
         logarithms
     }
+}
+
+/// The pixel that a position, at least 0, lies behind: its whole part, or of a whole number the one before it.
+///
+/// Rounded by an addition: compilers make no vectors of a cast, which is defined for NaN and for what is too large.
+#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
+#[inline(always)]
+fn pixel_before(position: f32) -> i32 {
+    (position - 0.5 + ROUNDING).to_bits() as i32 - ROUNDING.to_bits() as i32
 }
 
 /// Natural logarithm of a positive normal number, to 2e-6: what compilers can turn into vectors.

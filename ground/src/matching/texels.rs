@@ -13,7 +13,7 @@ pub(super) const STEPS: f32 = 32.0;
 pub(super) const LANES: usize = 16;
 
 /// Added to a small number it leaves the nearest whole one in the lowest bits; unlike a cast, compilers turn this into vectors.
-const ROUNDING: f32 = 1.5 * (1 << 23) as f32;
+pub(super) const ROUNDING: f32 = 1.5 * (1 << 23) as f32;
 
 /// A row-major grid of the normalised band.
 #[derive(Debug)]
