@@ -58,6 +58,12 @@ struct Eye {
     centre: Vector3<f64>,
 }
 
+impl Eye {
+    fn in_cam(&self, point: &Point3<f64>) -> Vector3<f64> {
+        self.cam_from_tunnel * (point.coords - self.centre)
+    }
+}
+
 impl Estimate {
     pub(super) fn new(poses: Vec<Isometry3<f64>>, shared: Shared) -> Self {
         let eye = |pose: &Isometry3<f64>| Eye {
@@ -99,12 +105,11 @@ impl<'a, const K: usize> TunnelModel<'a, K> {
             .then(|| UnitQuaternion::from_scaled_axis(self.shutter.axis * -angle_rad).to_rotation_matrix().into_inner())
     }
 
-    fn in_cam(&self, estimate: &Estimate, point: &Point3<f64>, seen: &Observation) -> Vector3<f64> {
-        let eye = &estimate.eyes[seen.photo as usize];
-        let in_cam = eye.cam_from_tunnel * (point.coords - eye.centre);
-        match self.shutter_rotation(&estimate.shared, seen) {
-            Some(row_from_middle) => row_from_middle * (in_cam - self.shutter.foot) + self.shutter.foot,
-            None => in_cam,
+    /// A point of the camera of the middle row in that of an observation's row.
+    fn in_row(&self, row_from_middle: Option<&Matrix3<f64>>, middle: Vector3<f64>) -> Vector3<f64> {
+        match row_from_middle {
+            Some(row_from_middle) => row_from_middle * (middle - self.shutter.foot) + self.shutter.foot,
+            None => middle,
         }
     }
 }
@@ -142,16 +147,19 @@ impl<const K: usize> Model<CAMERA, K> for TunnelModel<'_, K> {
     }
 
     fn residual(&self, estimate: &Estimate, point: &Point3<f64>, seen: &Observation) -> Option<Vector2<f64>> {
-        Some(estimate.shared.camera.project(&self.in_cam(estimate, point, seen))? - pixel_of(seen))
+        let row_from_middle = self.shutter_rotation(&estimate.shared, seen);
+        let in_cam = self.in_row(row_from_middle.as_ref(), estimate.eyes[seen.photo as usize].in_cam(point));
+        Some(estimate.shared.camera.project(&in_cam)? - pixel_of(seen))
     }
 
     fn sight(&self, estimate: &Estimate, point: &Point3<f64>, seen: &Observation) -> Option<Sight<CAMERA, K>> {
         let eye = &estimate.eyes[seen.photo as usize];
-        let middle = eye.cam_from_tunnel * (point.coords - eye.centre);
+        let middle = eye.in_cam(point);
         let camera = &estimate.shared.camera;
-        let in_cam = self.in_cam(estimate, point, seen);
+        let row_from_middle = self.shutter_rotation(&estimate.shared, seen);
+        let in_cam = self.in_row(row_from_middle.as_ref(), middle);
         let (pixel, by_in_cam) = camera.project_with_jacobian(&in_cam)?;
-        let by_middle = match self.shutter_rotation(&estimate.shared, seen) {
+        let by_middle = match row_from_middle {
             Some(row_from_middle) => by_in_cam * row_from_middle,
             None => by_in_cam,
         };
