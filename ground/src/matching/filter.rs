@@ -4,9 +4,6 @@
 //! Gaussians, and every sum over a template's or a corner's box. Windows start at whole blocks of the wall grid, so every
 //! photo averages alike. What must be done to every texel goes row by row, in vectors, through memory as seldom as possible.
 
-use std::mem::replace;
-
-use super::texels::{Texels, in_steps};
 use crate::vectors::vectorised;
 
 /// Texels averaged before a wide Gaussian or a box sum, per axis.
@@ -64,94 +61,60 @@ impl Planes {
     }
 }
 
-/// A photo on the wall grid on its way to what matching sees of it; its memory serves one photo after the other.
+/// What matching sees of a photo on the wall grid; its memory serves one photo after the other.
 #[derive(Debug, Default)]
 pub(super) struct Band {
-    /// The rectified photo, NaN where unseen; then blurred.
+    /// The rectified photo, NaN where unseen; then its normalised band, 0 where unseen.
     pub(super) texels: Plane,
     /// Share that was seen of every block of [`DECIMATION`] squared texels.
     pub(super) seen: Plane,
 }
 
 impl Band {
-    /// Band-pass and local contrast normalisation of texels of which NaN marks the unseen ones: the normalised band, 0 where unseen.
+    /// Band-pass and local contrast normalisation, in place, of texels of which NaN marks the unseen ones.
     ///
     /// `G(small) * (I - G(large) * I)`, divided by its own standard deviation under `G(large)` plus the floor; every Gaussian over the seen
     /// texels only. Width and height are multiples of [`DECIMATION`].
-    pub(super) fn normalise(
-        &mut self,
-        [small_px, large_px]: [f32; 2],
-        contrast_floor: f32,
-        planes: &mut Planes,
-        memory: Vec<i8>,
-    ) -> Texels {
+    pub(super) fn normalise(&mut self, [small_px, large_px]: [f32; 2], contrast_floor: f32, planes: &mut Planes) {
         let large_px = large_px / DECIMATION as f32;
         let Self { texels, seen } = self;
-        let size = [texels.width, texels.height];
-        let [counted, mut mean] = decimated(
-            size,
-            #[inline(always)]
-            |row, [counts, sums]| {
-                for ((count, sum), &value) in counts.iter_mut().zip(sums).zip(texels.row(row)) {
-                    let is_seen = !value.is_nan();
-                    *count += if is_seen { 1.0 } else { 0.0 };
-                    *sum += if is_seen { value } else { 0.0 };
-                }
-            },
-            planes,
-        );
-        planes.give_back([replace(seen, counted)]);
+        decimate(texels, |value| if value.is_nan() { 0.0 } else { 1.0 }, seen, planes);
         let mut weight = planes.take([seen.width, seen.height]);
         weight.data.copy_from_slice(&seen.data);
         gaussian(&mut weight, large_px, planes);
+        let mut mean = decimated(texels, |value| if value.is_nan() { 0.0 } else { value }, planes);
         gaussian(&mut mean, large_px, planes);
         divide(&mut mean, &weight);
         let mut mean = Upsampled::new(mean);
-        blur(
-            texels,
-            small_px,
-            #[inline(always)]
-            |row, values, centred| {
-                for ((out, value), mean) in centred.iter_mut().zip(values).zip(mean.row(row)) {
-                    *out = if value.is_nan() { 0.0 } else { value - mean };
-                }
-            },
-            #[inline(always)]
-            |before, blurred| {
-                for (out, before) in blurred.iter_mut().zip(before) {
-                    *out = if before.is_nan() { 0.0 } else { *out };
-                }
-            },
-            planes,
-        );
-        let [mut gain] = decimated(
-            size,
-            #[inline(always)]
-            |row, [sums]| {
-                for (sum, &value) in sums.iter_mut().zip(texels.row(row)) {
-                    *sum += value * value;
-                }
-            },
-            planes,
-        );
+        let centre = |row: usize, values: &[f32], centred: &mut [f32]| {
+            for ((out, value), mean) in centred.iter_mut().zip(values).zip(mean.row(row)) {
+                *out = if value.is_nan() { 0.0 } else { value - mean };
+            }
+        };
+        let hide_unseen = |before: &[f32], blurred: &mut [f32]| {
+            for (out, before) in blurred.iter_mut().zip(before) {
+                *out = if before.is_nan() { 0.0 } else { *out };
+            }
+        };
+        blur(texels, small_px, centre, hide_unseen, planes);
+        let mut gain = decimated(texels, |value| value * value, planes);
         gaussian(&mut gain, large_px, planes);
         divide(&mut gain, &weight);
         for value in &mut gain.data {
             *value = 1.0 / (value.max(0.0).sqrt() + contrast_floor);
         }
         let mut gain = Upsampled::new(gain);
-        let normalised = Texels::new(
-            size,
-            memory,
+        vectorised(
             #[inline(always)]
-            |row, steps| {
-                for ((step, value), gain) in steps.iter_mut().zip(texels.row(row)).zip(gain.row(row)) {
-                    *step = in_steps(value * gain);
+            || {
+                for row in 0..texels.height {
+                    for (value, gain) in texels.row_mut(row).iter_mut().zip(gain.row(row)) {
+                        *value *= gain;
+                    }
                 }
             },
         );
         planes.give_back([weight, mean.small, gain.small]);
-        normalised
     }
 }
 
@@ -162,36 +125,48 @@ fn divide(plane: &mut Plane, weight: &Plane) {
     }
 }
 
-/// Means over blocks of [`DECIMATION`] squared texels of what `add` adds to the sums of each row.
-pub(super) fn decimated<const N: usize>(
+/// Means of `f(value)` over blocks of [`DECIMATION`] squared texels.
+pub(super) fn decimated(plane: &Plane, f: impl Fn(f32) -> f32, planes: &mut Planes) -> Plane {
+    let mut small = planes.take([0; 2]);
+    decimate(plane, f, &mut small, planes);
+    small
+}
+
+/// [`decimated`] into `small`.
+fn decimate(plane: &Plane, f: impl Fn(f32) -> f32, small: &mut Plane, planes: &mut Planes) {
+    let add = |row: usize, sums: &mut [f32]| {
+        for (sum, &value) in sums.iter_mut().zip(plane.row(row)) {
+            *sum += f(value);
+        }
+    };
+    decimate_rows([plane.width, plane.height], add, small, planes);
+}
+
+/// Means over blocks of [`DECIMATION`] squared texels of what `add` adds to the sums of each row, into `small`.
+pub(super) fn decimate_rows(
     [width, height]: [usize; 2],
-    add: impl Fn(usize, [&mut [f32]; N]),
+    add: impl Fn(usize, &mut [f32]),
+    small: &mut Plane,
     planes: &mut Planes,
-) -> [Plane; N] {
-    let mut means = [(); N].map(|()| planes.take([width / DECIMATION, height / DECIMATION]));
-    let mut sums = [(); N].map(|()| planes.take([width, 1]));
+) {
+    small.reshape([width / DECIMATION, height / DECIMATION]);
+    let mut sums = planes.take([width, 1]);
     let share = 1.0 / (DECIMATION * DECIMATION) as f32;
     vectorised(
         #[inline(always)]
         || {
-            for block_row in 0..height / DECIMATION {
-                for sums in &mut sums {
-                    sums.data.fill(0.0);
-                }
+            for block_row in 0..small.height {
+                sums.data.fill(0.0);
                 for row in block_row * DECIMATION..(block_row + 1) * DECIMATION {
-                    add(row, sums.each_mut().map(|sums| sums.data.as_mut_slice()));
+                    add(row, &mut sums.data);
                 }
-                for (means, sums) in means.iter_mut().zip(&sums) {
-                    let blocks = sums.data.as_chunks::<DECIMATION>().0;
-                    for (mean, block) in means.row_mut(block_row).iter_mut().zip(blocks) {
-                        *mean = share * block.iter().sum::<f32>();
-                    }
+                for (mean, block) in small.row_mut(block_row).iter_mut().zip(sums.data.as_chunks::<DECIMATION>().0) {
+                    *mean = share * block.iter().sum::<f32>();
                 }
             }
         },
     );
-    planes.give_back(sums);
-    means
+    planes.give_back([sums]);
 }
 
 /// A decimated plane, interpolated row by row to the size it came from.
@@ -409,12 +384,12 @@ mod tests {
         }
         let [band, other] = [plane, other].map(|plane| {
             let mut band = Band { texels: plane, seen: Plane::default() };
-            let texels = band.normalise([1.0, 8.0], 0.01, &mut Planes::default(), Vec::new());
-            assert!(band.seen.data.iter().all(|&share| share == 1.0));
-            texels.into_memory()
+            band.normalise([1.0, 8.0], 0.01, &mut Planes::default());
+            band
         });
-        let worst = band.iter().zip(&other).map(|(a, b)| a.abs_diff(*b)).max();
-        assert!(worst <= Some(2), "differs by {worst:?} steps");
+        assert!(band.seen.data.iter().all(|&share| share == 1.0));
+        let worst = band.texels.data.iter().zip(&other.texels.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst < 0.05, "differs by {worst}");
     }
 
     #[test]
@@ -424,11 +399,9 @@ mod tests {
             plane.row_mut(row)[10..40].fill(f32::NAN);
         }
         let mut band = Band { texels: plane.clone(), seen: Plane::default() };
-        let texels = band.normalise([1.0, 8.0], 0.01, &mut Planes::default(), Vec::new()).into_memory();
-        assert!(plane.data.iter().zip(&texels).all(|(given, &texel)| !given.is_nan() || texel == 0));
-        let seen = || plane.data.iter().zip(&texels).filter(|(given, _)| !given.is_nan());
-        assert!(seen().all(|(_, texel)| texel.unsigned_abs() < 127), "nothing saturates beside them");
-        assert!(seen().filter(|(_, texel)| **texel == 0).count() < seen().count() / 20);
+        band.normalise([1.0, 8.0], 0.01, &mut Planes::default());
+        assert!(band.texels.data.iter().all(|value| value.is_finite()));
+        assert!(plane.data.iter().zip(&band.texels.data).all(|(given, value)| given.is_nan() == (*value == 0.0)));
         assert_eq!(band.seen.row(3)[2..10], [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 }

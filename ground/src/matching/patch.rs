@@ -2,9 +2,9 @@
 
 use nalgebra::Isometry3;
 
-use super::filter::{Band, DECIMATION, Plane, Planes, box_sums, decimated};
+use super::filter::{Band, DECIMATION, Plane, Planes, box_sums, decimate_rows, decimated};
 use super::rectify::{Laying, rectify};
-use super::texels::{STEPS, Texels};
+use super::texels::Texels;
 use super::wall::{BLOCK, Footprint, WallGrid};
 use super::{MatchConfig, Pixels};
 
@@ -48,14 +48,12 @@ impl Patch {
         memory: Vec<i8>,
     ) -> Self {
         rectify(grid, tunnel_from_cam, footprint, pixels, laying, &mut band.texels);
-        let sigmas_px = [config.band_small_px, config.band_large_px];
-        let texels = band.normalise(sigmas_px, config.contrast_floor, planes, memory);
-        let [means, mean_squares, gradients @ ..] = moments(&texels, planes);
-        let usable = usable(&band.seen, [means, mean_squares], config.template_px / 2, planes);
+        band.normalise([config.band_small_px, config.band_large_px], config.contrast_floor, planes);
+        let usable = usable(band, config.template_px / 2, planes);
         let origin = footprint.block0.map(|block| block * BLOCK as i64);
-        let points = reference_points(gradients, &usable, origin, config, planes);
+        let points = reference_points(&band.texels, &usable, origin, config, planes);
         let footprint = without_masked(footprint, &band.seen);
-        Self { origin, texels, usable, points, footprint }
+        Self { origin, texels: Texels::new(&band.texels, memory), usable, points, footprint }
     }
 
     /// Tells whether a template can lie around a place in the window; none can beyond it.
@@ -67,45 +65,15 @@ impl Patch {
     }
 }
 
-/// Means over blocks of the texels, of their squares, and of the products of their gradients: along a row squared, mixed, along
-/// a column squared.
-fn moments(texels: &Texels, planes: &mut Planes) -> [Plane; 5] {
-    let (width, height) = (texels.width, texels.height);
-    decimated(
-        [width, height],
-        #[inline(always)]
-        |row, [sums, squares, xx, xy, yy]| {
-            let here = texels.row(row);
-            for ((sum, square), &texel) in sums.iter_mut().zip(squares).zip(here) {
-                let texel = f32::from(texel);
-                *sum += texel;
-                *square += texel * texel;
-            }
-            if row == 0 || row + 1 == height {
-                return;
-            }
-            let inner = 1..width - 1;
-            let (up, down) = (&texels.row(row - 1)[inner.clone()], &texels.row(row + 1)[inner.clone()]);
-            let across = here.iter().zip(&here[2..]).zip(up.iter().zip(down));
-            let products = xx[inner.clone()].iter_mut().zip(&mut xy[inner.clone()]).zip(&mut yy[inner]);
-            for (((xx, xy), yy), ((&left, &right), (&up, &down))) in products.zip(across) {
-                let gradient = [f32::from(right) - f32::from(left), f32::from(down) - f32::from(up)];
-                *xx += gradient[0] * gradient[0];
-                *xy += gradient[0] * gradient[1];
-                *yy += gradient[1] * gradient[1];
-            }
-        },
-        planes,
-    )
-}
-
 /// Blocks around which enough of a template has been seen, and has enough contrast.
-fn usable(seen: &Plane, [means, mean_squares]: [Plane; 2], half: usize, planes: &mut Planes) -> Vec<bool> {
+fn usable(band: &Band, half: usize, planes: &mut Planes) -> Vec<bool> {
     let blocks = (2 * half + 1) as f32 / DECIMATION as f32;
     let area = blocks * blocks;
-    let [counts, sums, squares] = [seen, &means, &mean_squares].map(|plane| template_sums(plane, half, planes));
+    let means = decimated(&band.texels, |value| value, planes);
+    let mean_squares = decimated(&band.texels, |value| value * value, planes);
+    let [counts, sums, squares] = [&band.seen, &means, &mean_squares].map(|plane| template_sums(plane, half, planes));
     let is_usable = |((count, sum), square): ((&f32, &f32), &f32)| {
-        *count >= MIN_SEEN * area && square - sum * sum / area > MIN_VARIANCE * STEPS * STEPS * area
+        *count >= MIN_SEEN * area && square - sum * sum / area > MIN_VARIANCE * area
     };
     let usable = counts.data.iter().zip(&sums.data).zip(&squares.data).map(is_usable).collect();
     planes.give_back([means, mean_squares, counts, sums, squares]);
@@ -130,7 +98,7 @@ fn template_sums(plane: &Plane, half: usize, planes: &mut Planes) -> Plane {
 
 /// The best corner (Shi and Tomasi's smaller eigenvalue of the gradients' moments) in each cell of the wall, to a block.
 fn reference_points(
-    moments: [Plane; 3],
+    texels: &Plane,
     usable: &[bool],
     origin: [i64; 2],
     config: &MatchConfig,
@@ -138,8 +106,9 @@ fn reference_points(
 ) -> Vec<[usize; 2]> {
     // Half-width of the box nearest in size.
     let radius = (config.corner_px as f32 / DECIMATION as f32 - 0.375).round().max(0.0) as usize;
-    let [xx, xy, yy] = moments.each_ref().map(|plane| box_sums(plane, radius, planes));
-    planes.give_back(moments);
+    let means = moments(texels, planes);
+    let [xx, xy, yy] = means.each_ref().map(|plane| box_sums(plane, radius, planes));
+    planes.give_back(means);
     let strength = |index: usize| {
         let (a, b, c) = (xx.data[index], xy.data[index], yy.data[index]);
         0.5 * (a + c) - (0.25 * (a - c) * (a - c) + b * b).sqrt()
@@ -175,6 +144,32 @@ fn reference_points(
     }
     planes.give_back([xx, xy, yy]);
     points
+}
+
+/// Means over blocks of the gradients' products: along a row squared, mixed, along a column squared.
+fn moments(texels: &Plane, planes: &mut Planes) -> [Plane; 3] {
+    [
+        moment(texels, |gx, _| gx * gx, planes),
+        moment(texels, |gx, gy| gx * gy, planes),
+        moment(texels, |_, gy| gy * gy, planes),
+    ]
+}
+
+fn moment(texels: &Plane, product: impl Fn(f32, f32) -> f32, planes: &mut Planes) -> Plane {
+    let (width, height) = (texels.width, texels.height);
+    let mut means = planes.take([0; 2]);
+    let add = |row: usize, sums: &mut [f32]| {
+        if row == 0 || row + 1 == height {
+            return;
+        }
+        let (above, here, below) = (texels.row(row - 1), texels.row(row), texels.row(row + 1));
+        let across = here.iter().zip(&here[2..]).zip(above[1..].iter().zip(&below[1..]));
+        for (sum, ((left, right), (up, down))) in sums[1..].iter_mut().zip(across) {
+            *sum += product(right - left, down - up);
+        }
+    };
+    decimate_rows([width, height], add, &mut means, planes);
+    means
 }
 
 /// The footprint without the blocks of which less than half was seen.

@@ -141,16 +141,13 @@ impl Search {
         let corner = middle.map(|middle| middle - size.half as i64);
         let stride = size.template_stride();
         from.copy_rectangle(corner, [stride, side], &mut self.template);
-        let kept = side + LANES - stride;
-        let values = &mut self.template;
+        for row in self.template.chunks_exact_mut(stride) {
+            row[side..].fill(0);
+        }
+        let values = &self.template;
         let (sum, squares) = vectorised(
             #[inline(always)]
             || {
-                for row in values.chunks_exact_mut(stride) {
-                    for (lane, value) in row[stride - LANES..].iter_mut().enumerate() {
-                        *value = if lane < kept { *value } else { 0 };
-                    }
-                }
                 values.iter().fold((0, 0), |(sum, squares), &value| {
                     let value = i32::from(value);
                     (sum + value, squares + value * value)

@@ -2,6 +2,7 @@
 
 use std::sync::OnceLock;
 
+use super::filter::Plane;
 use crate::vectors::vectorised;
 
 /// Steps per standard deviation of the local contrast. Rounding adds 1 % of noise; what stands out by four standard deviations
@@ -14,14 +15,6 @@ pub(super) const LANES: usize = 16;
 /// Added to a small number it leaves the nearest whole one in the lowest bits; unlike a cast, compilers turn this into vectors.
 pub(super) const ROUNDING: f32 = 1.5 * (1 << 23) as f32;
 
-/// A value in standard deviations as a texel.
-#[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]
-#[inline(always)]
-pub(super) fn in_steps(value: f32) -> i8 {
-    let steps = (STEPS * value).clamp(f32::from(i8::MIN), f32::from(i8::MAX));
-    (steps + ROUNDING).to_bits() as i8
-}
-
 /// A row-major grid of the normalised band.
 #[derive(Debug)]
 pub(super) struct Texels {
@@ -32,22 +25,19 @@ pub(super) struct Texels {
 }
 
 impl Texels {
-    /// A grid whose rows `fill` makes, by [`in_steps`], in memory of [`Self::into_memory`].
-    pub(super) fn new([width, height]: [usize; 2], mut data: Vec<i8>, mut fill: impl FnMut(usize, &mut [i8])) -> Self {
-        data.resize(width * height, 0);
+    /// Rounds a band in standard deviations, into memory of [`Self::into_memory`].
+    pub(super) fn new(band: &Plane, mut data: Vec<i8>) -> Self {
+        data.resize(band.data.len(), 0);
         vectorised(
             #[inline(always)]
             || {
-                for (row, texels) in data.chunks_exact_mut(width).enumerate() {
-                    fill(row, texels);
+                for (texel, value) in data.iter_mut().zip(&band.data) {
+                    let steps = (STEPS * value).clamp(f32::from(i8::MIN), f32::from(i8::MAX));
+                    *texel = (steps + ROUNDING).to_bits() as i8;
                 }
             },
         );
-        Self { width, height, data, halved: OnceLock::new() }
-    }
-
-    pub(super) fn row(&self, row: usize) -> &[i8] {
-        &self.data[row * self.width..(row + 1) * self.width]
+        Self { width: band.width, height: band.height, data, halved: OnceLock::new() }
     }
 
     /// Memory for the next one.
@@ -89,10 +79,8 @@ impl Texels {
                         row.fill(0);
                         continue;
                     }
-                    if end - skip < width {
-                        row[..skip].fill(0);
-                        row[end..].fill(0);
-                    }
+                    row[..skip].fill(0);
+                    row[end..].fill(0);
                     let source = self.data[source_row as usize * self.width + start..][..end - skip].as_chunks();
                     let (rows, rest) = row[skip..end].as_chunks_mut();
                     for (values, texels) in rows.iter_mut().zip::<&[[i8; LANES]]>(source.0) {
@@ -112,11 +100,8 @@ mod tests {
     use super::*;
 
     fn ramp() -> Texels {
-        Texels::new([8, 4], Vec::new(), |row, texels| {
-            for (column, texel) in texels.iter_mut().enumerate() {
-                *texel = in_steps(0.125 * column as f32 + row as f32);
-            }
-        })
+        let data = (0..32).map(|index| 0.125 * (index % 8) as f32 + (index / 8) as f32).collect();
+        Texels::new(&Plane { width: 8, height: 4, data }, Vec::new())
     }
 
     #[test]
@@ -137,6 +122,9 @@ mod tests {
 
     #[test]
     fn what_stands_out_too_far_saturates() {
-        assert_eq!([-50.0, 50.0].map(in_steps), [-128, 127]);
+        let mut target = Vec::new();
+        let texels = Texels::new(&Plane { width: 2, height: 1, data: vec![-50.0, 50.0] }, Vec::new());
+        texels.copy_rectangle([0, 0], [2, 1], &mut target);
+        assert_eq!(target, [-128, 127]);
     }
 }
