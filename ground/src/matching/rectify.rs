@@ -142,7 +142,7 @@ impl<T: Level> Image<'_, T> {
     }
 }
 
-/// The pixel that a position, at least 0, lies behind: its whole part, or of a whole number the one before it.
+/// The pixel that a position, at least 0, lies behind: its whole part; of a whole number itself or the one before it.
 ///
 /// Rounded by an addition: compilers make no vectors of a cast, which is defined for NaN and for what is too large.
 #[expect(clippy::inline_always, reason = "inlined into the dispatch, else it is compiled without its vectors")]

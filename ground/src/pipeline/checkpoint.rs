@@ -116,6 +116,8 @@ impl Checkpoints {
         let mut file = WholeFile::create(&path).context(failed.clone())?;
         file.content.write_all(&key.0).context(failed.clone())?;
         postcard::to_io(result, &mut file.content).context(failed.clone())?;
+        // A full disk is told now, not after the next stage's work.
+        file.content.flush().context(failed.clone())?;
         self.storing = Some(thread::spawn(move || file.finish().context(failed)));
         Ok(())
     }
