@@ -45,12 +45,12 @@ use tunnel::{Estimate, TunnelModel, WITH_POINTS, points_see_shared};
 /// the bend of a long tunnel. From 1e-4, 220 m needed some twenty iterations until they began to move.
 const DAMPING: f64 = 1e-8;
 /// Each wider scale of the loss: as far as the next one needs.
-const WIDER: Limits = Limits { iterations: 6, decrease: 1e-2, damping: DAMPING };
+const WIDER: Limits = Limits { iterations: 6, decrease: 1e-2, kink: 3e-2, damping: DAMPING };
 /// Final stage of an adjustment. With a tenth of this decrease (and of the other two) the RMSE of twelve sets differs by 0.02 mm at
 /// most, to either side, for twice the iterations on a long set.
-const LIMITS: Limits = Limits { iterations: 40, decrease: 1e-5, damping: DAMPING };
+const LIMITS: Limits = Limits { iterations: 40, decrease: 1e-5, kink: 3e-5, damping: DAMPING };
 /// Final stage of one that others follow.
-const ROUGH: Limits = Limits { decrease: 1e-3, ..LIMITS };
+const ROUGH: Limits = Limits { decrease: 1e-3, kink: 3e-3, ..LIMITS };
 
 /// What an adjustment did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

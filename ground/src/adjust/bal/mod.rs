@@ -21,6 +21,8 @@ use super::tracks::{Observation, Tracks};
 const CAMERA: usize = 9;
 /// Relative decrease of the cost at which the iteration stops.
 const DECREASE: f64 = 1e-8;
+/// The one that is none where the step then raises the cost.
+const KINK: f64 = 3e-7;
 /// The first damping.
 const DAMPING: f64 = 1e-4;
 
@@ -71,8 +73,8 @@ impl BalProblem {
         let weighting = Weighting { pixel_px: 1.0, loss: Loss::Squared, information: None, curved: false };
         let mut solver = Solver::new(&model);
         let initial_cost = solver.cost(&weighting, &state);
-        let minimised =
-            solver.minimise(&weighting, &mut state, Limits { iterations, decrease: DECREASE, damping: DAMPING })?;
+        let limits = Limits { iterations, decrease: DECREASE, kink: KINK, damping: DAMPING };
+        let minimised = solver.minimise(&weighting, &mut state, limits)?;
         self.cameras = state.estimate.iter().map(|lens: &Lens| lens.camera).collect();
         self.tracks.positions_mut().copy_from_slice(&state.points);
         Ok(BalReport {

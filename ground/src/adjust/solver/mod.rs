@@ -41,9 +41,6 @@ const NEAR: f64 = 1e-2;
 const NEARER: f64 = 0.1;
 /// Curvature along a residual, as a share of its weight, that is assumed where the loss has less.
 const LEAST_STEEPNESS: f64 = 0.1;
-/// A predicted decrease of so many times the smallest that counts is none if the step then raises the cost: where a wall's faces
-/// meet, and where a point leaves the photo, the cost has kinks that no linear model sees.
-const KINKS: f64 = 30.0;
 
 /// One linearised observation: residual in pixels, and its derivatives.
 pub(super) struct Sight<const C: usize, const K: usize> {
@@ -172,6 +169,9 @@ pub(super) struct Limits {
     pub(super) iterations: usize,
     /// Relative decrease of the cost.
     pub(super) decrease: f64,
+    /// Relative decrease that, where it is only predicted and the step then raises the cost, is none: where a wall's faces meet,
+    /// and where a point leaves the photo, the cost has kinks that no linear model sees.
+    pub(super) kink: f64,
     /// Damping to start with, as a share of the diagonal.
     pub(super) damping: f64,
 }
@@ -259,7 +259,7 @@ impl<'m, M: Model<C, K>, const C: usize, const K: usize> Solver<'m, M, C, K> {
                 // The same again with the weights.
                 weighting.curved = false;
                 near *= NEARER;
-            } else if moved.predicted <= KINKS * limits.decrease * cost {
+            } else if moved.predicted <= limits.kink * cost {
                 return ended(super::Outcome::Converged, iteration, cost);
             } else {
                 lambda *= growth;
