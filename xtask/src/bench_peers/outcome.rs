@@ -12,9 +12,8 @@ use super::peer::{measure as measured, python, script};
 use super::sets::Set;
 use super::{THREADS, program, text};
 
-/// A run shorter than this is repeated, and the one of middle time counts: so short a time depends on chance.
-pub(super) const SHORT_S: f64 = 3.0;
-pub(super) const REPEATS: usize = 5;
+/// Runs of ours, of which the one of middle time counts: times of seconds depend on chance.
+pub(super) const RUNS: usize = 5;
 /// A mapper of the peer that takes longer is stopped and has placed nothing.
 pub(super) const MAPPER_LIMIT_S: &str = "300";
 
@@ -46,7 +45,7 @@ pub(super) struct Outcome {
     pub(super) accuracy: Accuracy,
     /// Wall time by stage.
     pub(super) stages_s: Vec<(String, f64)>,
-    /// Wall time: of ours the whole process (a short one's median of [`REPEATS`]), of the peer extraction, matching and its
+    /// Wall time: of ours the whole process (median of [`RUNS`]), of the peer extraction, matching and its
     /// better mapper.
     pub(super) total_s: f64,
     /// Largest resident set of the process.
@@ -110,12 +109,12 @@ fn ours(folder: &Path, work: &Path) -> Result<Side> {
         "--threads",
         THREADS,
     ];
-    let mut runs = vec![measured(&command, &work.join("measured.json"))?];
-    while runs[0].seconds < SHORT_S && runs.len() < REPEATS {
+    let mut runs = Vec::new();
+    for _ in 0..RUNS {
         runs.push(measured(&command, &work.join("measured.json"))?);
     }
     runs.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
-    let run = &runs[runs.len() / 2];
+    let run = &runs[RUNS / 2];
     let summary: Value = serde_json::from_str(&run.stdout).context("adit reconstruct --json")?;
     let stage = |stage: &Value| Some((stage["stage"].as_str()?.to_owned(), stage["seconds"].as_f64()?));
     let stages_s = summary["stages"].as_array().into_iter().flatten().filter_map(stage).collect();

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-use super::outcome::{MAPPER_LIMIT_S, Outcome, REPEATS, SHORT_S, Who};
+use super::outcome::{MAPPER_LIMIT_S, Outcome, RUNS, Who};
 use super::verdict::{Verdict, verdicts};
 use crate::shell::output;
 
@@ -51,7 +51,7 @@ fn notes() -> String {
         "
 Aligned: root mean square of positions after the best similarity; absolute: in the tunnel frame, without any alignment, which
 the peer has none of. Errors are of the registered photos only. Drift: `adit evaluate --help`. Total: of ours the whole process
-(under {SHORT_S} s: the median of {REPEATS} runs); of the peer extraction, matching and its better mapper, each given
+(median of {RUNS} runs); of the peer extraction, matching and its better mapper, each given
 {MAPPER_LIMIT_S} s at most. Peak: largest resident set.
 "
     )
