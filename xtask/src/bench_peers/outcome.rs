@@ -45,8 +45,7 @@ pub(super) struct Outcome {
     pub(super) accuracy: Accuracy,
     /// Wall time by stage.
     pub(super) stages_s: Vec<(String, f64)>,
-    /// Wall time: of ours the whole process (median of [`RUNS`]), of the peer extraction, matching and its
-    /// better mapper.
+    /// Wall time: of ours the whole process (median of [`RUNS`]), of the peer extraction, matching and its better mapper.
     pub(super) total_s: f64,
     /// Largest resident set of the process.
     pub(super) peak_mib: f64,
@@ -109,10 +108,8 @@ fn ours(folder: &Path, work: &Path) -> Result<Side> {
         "--threads",
         THREADS,
     ];
-    let mut runs = Vec::new();
-    for _ in 0..RUNS {
-        runs.push(measured(&command, &work.join("measured.json"))?);
-    }
+    let run = |_| measured(&command, &work.join("measured.json"));
+    let mut runs = (0..RUNS).map(run).collect::<Result<Vec<_>>>()?;
     runs.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
     let run = &runs[RUNS / 2];
     let summary: Value = serde_json::from_str(&run.stdout).context("adit reconstruct --json")?;

@@ -21,7 +21,7 @@ use super::tracks::{Observation, Tracks};
 const CAMERA: usize = 9;
 /// Relative decrease of the cost at which the iteration stops.
 const DECREASE: f64 = 1e-8;
-/// The one that is none where the step then raises the cost.
+/// See [`Limits::kink`].
 const KINK: f64 = 3e-7;
 /// The first damping.
 const DAMPING: f64 = 1e-4;
