@@ -47,9 +47,9 @@ impl Captures {
         self.confirmed
     }
 
-    /// Whether a capture is known to be missing.
-    pub(super) fn is_missed(&self, number: u32) -> bool {
-        self.last.iter().any(|capture| capture.number == number && capture.is_stored == Some(false))
+    /// Whether a capture was stored, if that is known.
+    pub(super) fn fate(&self, number: u32) -> Option<bool> {
+        self.last.iter().find(|capture| capture.number == number).and_then(|capture| capture.is_stored)
     }
 
     /// The oldest capture whose fate must be known by now and was not heard.
@@ -93,7 +93,7 @@ mod tests {
             captures.tell(1, true);
         }
         captures.tell(2, false);
-        assert_eq!((captures.confirmed(), captures.is_missed(1), captures.is_missed(2)), (1, false, true));
+        assert_eq!((captures.confirmed(), captures.fate(1), captures.fate(2)), (1, Some(true), Some(false)));
     }
 
     #[test]

@@ -163,10 +163,10 @@ impl State {
             },
             (BOARD_COMPONENT, Incoming::NamedValue { name, value }) => self.figure(now, name, *value),
             (CAMERA_COMPONENT, Incoming::ImageCaptured { index, result, .. }) => {
-                let capture = index.wrapping_add(1).cast_unsigned();
-                self.captures.tell(capture, *result == 1);
-                if let (0, Some(strip)) = (result, &mut self.strip) {
-                    strip.miss(capture);
+                let (capture, is_taken) = (index.wrapping_add(1).cast_unsigned(), *result == 1);
+                self.captures.tell(capture, is_taken);
+                if let Some(strip) = &mut self.strip {
+                    strip.tell(capture, is_taken);
                 }
             }
             (_, Incoming::Text { severity, text }) => self.note(now, component, *severity, text.to_string()),
@@ -248,8 +248,8 @@ impl State {
         self.captures.add(now, tag.capture);
         let Some(strip) = &mut self.strip else { return };
         strip.add(tag);
-        if self.captures.is_missed(tag.capture) {
-            strip.miss(tag.capture);
+        if let Some(is_taken) = self.captures.fate(tag.capture) {
+            strip.tell(tag.capture, is_taken);
         }
     }
 
@@ -265,8 +265,7 @@ impl State {
 
     /// A capture whose fate was not heard though it must be known by now: whom to ask, and for which image.
     pub fn missing_report(&self, now: Duration) -> Option<(Target, u32)> {
-        let tells = self.setting.as_ref().is_some_and(|setting| setting.wiring != CaptureWiring::None);
-        let capture = self.captures.unanswered(now).filter(|_| tells)?;
+        let capture = self.captures.unanswered(now)?;
         Some(([self.system?, CAMERA_COMPONENT], capture.saturating_sub(1)))
     }
 

@@ -3,9 +3,9 @@
 //! # Model
 //! Each photo is posed by its tag: odometer, place in the section, attitude, shaft angle, mounting. A cell of the wall counts
 //! as seen by it if the cell's centre falls into the image and nothing of the section hides it. A cell is *behind* if the
-//! vehicle has been so far beyond it that no photo from where it is now shows it. Cells that too few photos show are marked
-//! once they are behind, and those of a missed photo at once, until another shows them; what is marked and behind is a gap
-//! to fly back to.
+//! vehicle has been so far beyond it that no photo from where it is now shows it. A photo counts once the board has told that
+//! it was taken: nothing that is missing looks seen meanwhile. Cells that too few photos show are marked once they are behind,
+//! and those of a missed photo at once, until another shows them; what is marked and behind is a gap to fly back to.
 //! # Limits
 //! Centimetres of odometer and degrees of attitude are not known better here than the tag says: the strip tells where to
 //! look again, the reconstruction tells what was seen. Memory grows by 4 KB per metre of a 3 m pipe, up to [`MOST_BLOCKS`].
@@ -87,7 +87,7 @@ struct Column {
 struct Photo {
     capture: u32,
     tunnel_from_cam: Isometry3<f64>,
-    is_missed: bool,
+    is_taken: Option<bool>,
 }
 
 /// The strip.
@@ -167,7 +167,7 @@ impl Strip {
         &self.gaps
     }
 
-    /// Counts a photo in; false if it has no place or is known already.
+    /// A photo's tag was heard; false if it has no place or is known already.
     pub fn add(&mut self, tag: &CaptureTag) -> bool {
         if self.photos.iter().any(|photo| photo.capture == tag.capture) {
             return false;
@@ -179,23 +179,27 @@ impl Strip {
         if self.photos.len() == REMEMBERED {
             self.photos.pop_front();
         }
-        self.photos.push_back(Photo { capture: tag.capture, tunnel_from_cam, is_missed: false });
-        // What shows it now takes the place of what was missed.
-        self.change(&tunnel_from_cam, |cell| *cell = ((*cell & COUNT) + 1).min(COUNT));
-        let x_m = tunnel_from_cam.translation.x;
-        self.reach(x_m);
+        self.photos.push_back(Photo { capture: tag.capture, tunnel_from_cam, is_taken: None });
+        self.revision += 1;
+        self.reach(tunnel_from_cam.translation.x);
         self.seek_gaps();
         true
     }
 
-    /// A photo was not taken: what it would have shown is a gap until another shows it. False if its tag was not heard.
-    pub fn miss(&mut self, capture: u32) -> bool {
-        let Some(photo) = self.photos.iter_mut().find(|photo| photo.capture == capture && !photo.is_missed) else {
+    /// A photo's fate was heard: taken, it counts; else what it would have shown is a gap until another shows it. False if its
+    /// tag was not heard, or its fate before.
+    pub fn tell(&mut self, capture: u32, is_taken: bool) -> bool {
+        let Some(photo) = self.photos.iter_mut().find(|photo| photo.capture == capture && photo.is_taken.is_none())
+        else {
             return false;
         };
-        photo.is_missed = true;
+        photo.is_taken = Some(is_taken);
         let tunnel_from_cam = photo.tunnel_from_cam;
-        self.change(&tunnel_from_cam, |cell| *cell = (*cell - (*cell & COUNT).min(1)) | MISSED);
+        self.revision += 1;
+        // What shows it now takes the place of what was missed.
+        self.change(&tunnel_from_cam, |cell| {
+            *cell = if is_taken { ((*cell & COUNT) + 1).min(COUNT) } else { *cell | MISSED };
+        });
         self.seek_gaps();
         true
     }
@@ -273,7 +277,6 @@ impl Strip {
 
     /// Changes every cell that a photo from there shows.
     fn change(&mut self, tunnel_from_cam: &Isometry3<f64>, mut change: impl FnMut(&mut u8)) {
-        self.revision += 1;
         let columns = self.columns.len();
         for (row, column) in self.shown(tunnel_from_cam) {
             let number = row.div_euclid(BLOCK_ROWS);

@@ -147,9 +147,9 @@ fn what_goes_wrong_on_a_flight_is_shown_in_time_and_the_record_shows_it_again() 
     assert!((0.0..=2.0 - PICTURE_S).contains(&after_s), "shown {after_s} s after the camera was deaf");
 
     cable.is_cut.store(true, Ordering::Relaxed);
-    // The figures are old a little after the link is lost.
-    let lost = shown.until("the lost link", 50, |view| is_link(view, "lost") && view["offset_m"]["is_stale"] == true);
+    let lost = shown.until("the lost link", 50, |view| is_link(view, "lost"));
     assert!(lost["link"]["silent_s"].as_f64().is_some_and(|silent_s| silent_s <= 2.0), "{:#}", lost["link"]);
+    shown.until("old figures", 50, |view| view["offset_m"]["is_stale"] == true);
     cable.is_cut.store(false, Ordering::Relaxed);
     shown.until("the link again", 50, |view| is_link(view, "up") && view["offset_m"]["is_stale"] == false);
 
@@ -163,5 +163,5 @@ fn what_goes_wrong_on_a_flight_is_shown_in_time_and_the_record_shows_it_again() 
         let more = end[count]["value"].as_i64().zip(last[count]["value"].as_i64()).map(|(again, live)| again - live);
         assert!(matches!(more, Some(0 | 1)), "{count}: {} and then {}", last[count], end[count]);
     }
-    assert!(marked_m2(&end) > 0.05);
+    assert!(marked_m2(&end) >= marked_m2(&gap), "no photo was taken that could show any of it");
 }

@@ -112,7 +112,7 @@ fn a_report_that_comes_before_its_tag_counts_too() {
     (1..45).filter(|capture| *capture != 42).for_each(|capture| flight.photo(capture, true));
     flight.report(42, false);
     flight.tagged(&tag(42));
-    assert!(!flight.state.strip.as_mut().unwrap().miss(42), "it is known already");
+    assert!(!flight.state.strip.as_mut().unwrap().tell(42, false), "it is known already");
 }
 
 #[test]
