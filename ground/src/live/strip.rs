@@ -87,7 +87,8 @@ struct Column {
 struct Photo {
     capture: u32,
     tunnel_from_cam: Isometry3<f64>,
-    is_taken: Option<bool>,
+    /// Whether its fate was told.
+    is_told: bool,
 }
 
 /// The strip.
@@ -179,27 +180,23 @@ impl Strip {
         if self.photos.len() == REMEMBERED {
             self.photos.pop_front();
         }
-        self.photos.push_back(Photo { capture: tag.capture, tunnel_from_cam, is_taken: None });
-        self.revision += 1;
-        self.reach(tunnel_from_cam.translation.x);
-        self.seek_gaps();
+        self.photos.push_back(Photo { capture: tag.capture, tunnel_from_cam, is_told: false });
         true
     }
 
     /// A photo's fate was heard: taken, it counts; else what it would have shown is a gap until another shows it. False if its
     /// tag was not heard, or its fate before.
     pub fn tell(&mut self, capture: u32, is_taken: bool) -> bool {
-        let Some(photo) = self.photos.iter_mut().find(|photo| photo.capture == capture && photo.is_taken.is_none())
-        else {
+        let Some(photo) = self.photos.iter_mut().find(|photo| photo.capture == capture && !photo.is_told) else {
             return false;
         };
-        photo.is_taken = Some(is_taken);
+        photo.is_told = true;
         let tunnel_from_cam = photo.tunnel_from_cam;
-        self.revision += 1;
         // What shows it now takes the place of what was missed.
         self.change(&tunnel_from_cam, |cell| {
             *cell = if is_taken { ((*cell & COUNT) + 1).min(COUNT) } else { *cell | MISSED };
         });
+        self.reach(tunnel_from_cam.translation.x);
         self.seek_gaps();
         true
     }
@@ -277,6 +274,7 @@ impl Strip {
 
     /// Changes every cell that a photo from there shows.
     fn change(&mut self, tunnel_from_cam: &Isometry3<f64>, mut change: impl FnMut(&mut u8)) {
+        self.revision += 1;
         let columns = self.columns.len();
         for (row, column) in self.shown(tunnel_from_cam) {
             let number = row.div_euclid(BLOCK_ROWS);
